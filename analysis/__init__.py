@@ -1,0 +1,1 @@
+"""From logged runs to tables and figures; reads run folders only."""

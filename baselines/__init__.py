@@ -1,0 +1,1 @@
+"""What ZOAC is compared with; each file is one tuner or one library of them."""

@@ -1,0 +1,272 @@
+"""What the baselines share: whole episodes, costs that are not finite, what they recommend."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from zoac.errors import ConfigError
+from zoac.rollout import Proposal, Segment
+from zoac.seeding import stream_seed
+from zoac.tuner import Problem, Tuner
+
+Share = Annotated[float, Field(gt=0, lt=1)]
+Count = Annotated[int, Field(ge=1)]
+Positive = Annotated[float, Field(gt=0)]
+
+UNKNOWN_WORST = 1e6
+"""Told for an episode whose cost is not finite while no finite cost is known at all."""
+
+
+class EpisodeTuner(Tuner):
+    """A tuner that sees nothing of an episode but its undiscounted cost.
+
+    A subclass draws points in `_draw` and learns from their costs in `_learn`. This class spreads
+    them over the lanes, remembers the best single episodes, and re-evaluates them if asked to.
+
+    A cost that is not finite becomes the worst finite cost so far plus the range of the costs so
+    far, before `_learn` sees it. Batches that come before any finite cost is known wait for one.
+    An episode with such a cost is never a best one.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        recommendation: str,
+        reevaluate_top: Count = 10,
+        reevaluate_share: Share = 0.1,
+    ) -> None:
+        """
+        Args:
+            problem: What is tuned.
+            recommendation: "best_seen": the parameters of the cheapest single episode;
+                "reevaluated": the best of the cheapest after more episodes; any other: the
+                subclass's own.
+            reevaluate_top: How many of the cheapest are re-evaluated.
+            reevaluate_share: The last share of the budget, spent on it.
+        """
+        self._problem = problem
+        self._rng = problem.rng("tuner")
+        self._recommendation = recommendation
+        self._share = reevaluate_share if recommendation == "reevaluated" else 0.0
+        self._search_steps = int(problem.budget * (1.0 - self._share))
+        self._steps = 0
+        self._costs = _CostRange()
+        self._best = _Best(reevaluate_top, problem.space.dimension)
+        self._waiting: list[np.ndarray] = []
+        self._final: _Reevaluation | None = None
+
+    @property
+    def search_episodes(self) -> int:
+        """Number of episodes that the search can pay for, if each runs to its time limit."""
+        return max(1, self._search_steps // self._problem.max_episode_steps)
+
+    @abstractmethod
+    def _draw(self) -> list[np.ndarray]:
+        """Return the next points to evaluate, each (d,); none if there is nothing left to do."""
+
+    @abstractmethod
+    def _learn(self, costs: np.ndarray) -> dict[str, float]:
+        """Take the finite costs (n,) of all points drawn since the last call, in their order."""
+
+    @abstractmethod
+    def _own_recommendation(self) -> np.ndarray | None:
+        """Return the subclass's recommendation (d,), or None if it has none yet."""
+
+    @abstractmethod
+    def _own_state(self) -> Any:
+        """Return a picklable copy of what the subclass adds to the state."""
+
+    @abstractmethod
+    def _own_restore(self, state: Any) -> None:
+        """Put back what `_own_state` returned."""
+
+    def _can_wait(self) -> bool:
+        """Return whether `_draw` may be called again before `_learn` was."""
+        return True
+
+    def ask(self) -> list[Proposal]:
+        """Return one whole episode per point."""
+        if self._share and self._final is None and self._steps >= self._search_steps:
+            self._final = _Reevaluation(self._problem.seed, self._best)
+        if self._final is not None:
+            points, seed = self._final.ask()
+        else:
+            points, seed = self._draw(), None
+        lanes = self._problem.lanes
+        return [Proposal(z=np.array(z), lane=i % lanes, seed=seed) for i, z in enumerate(points)]
+
+    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """Take the cost of each episode."""
+        if not segments:
+            return {}
+        self._steps += sum(segment.length for segment in segments)
+        with np.errstate(invalid="ignore", over="ignore"):
+            costs = np.array([segment.costs.sum() for segment in segments])
+        if self._final is not None:
+            return self._final.tell(costs)
+        finite = np.isfinite(costs)
+        self._best.add(np.stack([s.proposal.z for s in segments])[finite], costs[finite])
+        self._costs.add(costs[finite])
+        metrics = {"cost_mean": float(costs[finite].mean())} if finite.any() else {}
+        metrics["cost_not_finite"] = float((~finite).sum())
+        if len(self._best):
+            metrics["best_seen"] = float(self._best.costs[0])
+        self._waiting.append(costs)
+        if self._costs.known or not self._can_wait():
+            told = np.concatenate(self._waiting)
+            self._waiting = []
+            metrics |= self._learn(np.where(np.isfinite(told), told, self._costs.bad()))
+        return metrics
+
+    def recommend(self) -> np.ndarray:
+        """Return what the option `recommendation` says; the box's middle if nothing is known."""
+        if self._final is not None and self._final.rounds:
+            return self._final.best()
+        z = None
+        if self._recommendation not in ("best_seen", "reevaluated"):
+            z = self._own_recommendation()
+        if z is None and len(self._best):
+            z = self._best.points[0]
+        if z is None:
+            z = np.zeros(self._problem.space.dimension)
+        return self._problem.space.clip(np.array(z, dtype=np.float64))
+
+    def describe(self) -> dict[str, Any]:
+        """Return the choices that all baselines have."""
+        chosen: dict[str, Any] = {"recommendation": self._recommendation}
+        if self._share:
+            chosen["reevaluate_top"] = self._best.size
+            chosen["reevaluate_share"] = self._share
+        return chosen
+
+    def state(self) -> Any:
+        """Return everything, the subclass's part included."""
+        return {
+            "rng": self._rng.bit_generator.state,
+            "steps": self._steps,
+            "costs": (self._costs.low, self._costs.high),
+            "best": (self._best.points.copy(), self._best.costs.copy()),
+            "waiting": [costs.copy() for costs in self._waiting],
+            "final": None if self._final is None else self._final.state(),
+            "own": self._own_state(),
+        }
+
+    def restore(self, state: Any) -> None:
+        """Put back what `state` returned."""
+        self._own_restore(state["own"])
+        self._rng.bit_generator.state = state["rng"]
+        self._steps = state["steps"]
+        self._costs = _CostRange(*state["costs"])
+        self._best.points, self._best.costs = (array.copy() for array in state["best"])
+        self._waiting = [costs.copy() for costs in state["waiting"]]
+        self._final = None
+        if state["final"] is not None:
+            self._final = _Reevaluation(self._problem.seed, self._best)
+            self._final.restore(state["final"])
+
+
+def starting_point(problem: Problem, start: str, rng: np.random.Generator) -> np.ndarray:
+    """Return the mapped parameters (d,) to start from: "random", "nominal" or the "middle".
+
+    Raises:
+        ConfigError: If it is "nominal" and the task has no nominal parameters.
+    """
+    if start == "random":
+        return rng.uniform(-1.0, 1.0, problem.space.dimension)
+    if start == "nominal":
+        return nominal_point(problem, "start: nominal")
+    return np.zeros(problem.space.dimension)
+
+
+def nominal_point(problem: Problem, wanted_by: str) -> np.ndarray:
+    """Return a copy of the task's nominal mapped parameters (d,).
+
+    Raises:
+        ConfigError: If the task has none.
+    """
+    if problem.nominal is None:
+        raise ConfigError(f"{wanted_by} needs a task with nominal parameters; this one has none")
+    return np.array(problem.nominal, dtype=np.float64)
+
+
+@dataclass(slots=True)
+class _CostRange:
+    """The range of the finite costs so far."""
+
+    low: float = np.inf
+    high: float = -np.inf
+
+    @property
+    def known(self) -> bool:
+        return self.low <= self.high
+
+    def add(self, costs: np.ndarray) -> None:
+        self.low = float(min(self.low, *costs)) if len(costs) else self.low
+        self.high = float(max(self.high, *costs)) if len(costs) else self.high
+
+    def bad(self) -> float:
+        """Return a cost for an episode whose own is not finite: worse than all so far."""
+        if not self.known:
+            return UNKNOWN_WORST
+        return self.high + ((self.high - self.low) or abs(self.high) or 1.0)
+
+
+class _Best:
+    """The points of the cheapest single episodes, cheapest first."""
+
+    def __init__(self, size: int, dimension: int) -> None:
+        self.size = size
+        self.points = np.empty((0, dimension))
+        self.costs = np.empty(0)
+
+    def __len__(self) -> int:
+        return len(self.costs)
+
+    def add(self, points: np.ndarray, costs: np.ndarray) -> None:
+        points = np.concatenate([self.points, points])
+        costs = np.concatenate([self.costs, costs])
+        first = np.argsort(costs, kind="stable")[: self.size]
+        self.points, self.costs = points[first], costs[first]
+
+
+class _Reevaluation:
+    """More episodes for the best points, each round on one common, held-out start."""
+
+    def __init__(self, seed: int, best: _Best) -> None:
+        self._seed = seed
+        self._points = best.points
+        self._seen = best.costs
+        self._sums = np.zeros(len(best))
+        self.rounds = 0
+
+    def ask(self) -> tuple[list[np.ndarray], int]:
+        return list(self._points), stream_seed(self._seed, "reevaluation", self.rounds)
+
+    def tell(self, costs: np.ndarray) -> dict[str, float]:
+        # A point that fails once in a held-out episode is out: its mean stays infinite.
+        self._sums += np.where(np.isfinite(costs), costs, np.inf)
+        self.rounds += 1
+        means = self._sums / self.rounds
+        finite = np.isfinite(means)
+        metrics = {"reevaluation_rounds": float(self.rounds)}
+        if finite.any():
+            metrics["reevaluated_best"] = float(means.min())
+            metrics["optimism"] = float((means - self._seen)[finite].mean())
+        return metrics
+
+    def best(self) -> np.ndarray:
+        return self._points[int(np.argmin(self._sums))].copy()
+
+    def state(self) -> Any:
+        return self._points.copy(), self._seen.copy(), self._sums.copy(), self.rounds
+
+    def restore(self, state: Any) -> None:
+        points, seen, sums, self.rounds = state
+        self._points, self._seen, self._sums = points.copy(), seen.copy(), sums.copy()

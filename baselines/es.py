@@ -1,0 +1,116 @@
+"""Evolution strategy: eq. (2) of the paper on whole episodes, with Adam."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+
+from zoac.algorithm.adam import Adam
+from zoac.baselines.episodes import Count, EpisodeTuner, Positive, Share, starting_point
+from zoac.tuner import Problem
+
+
+class EvolutionStrategy(EpisodeTuner):
+    """Gradient of the Gaussian-smoothed episode cost, estimated from `population` episodes."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        population: Count = 20,
+        sigma: Positive = 0.1,
+        step_size: Positive = 0.05,
+        standardise_costs: bool = True,
+        start: Literal["random", "nominal", "middle"] = "random",
+        recommendation: Literal["mean", "best_seen", "reevaluated"] = "mean",
+        reevaluate_top: Count = 10,
+        reevaluate_share: Share = 0.1,
+    ) -> None:
+        """
+        Args:
+            problem: What is tuned.
+            population: Episodes per gradient step, n of eq. (2).
+            sigma: Standard deviation of the search distribution, in the mapped box.
+            step_size: Adam's.
+            standardise_costs: Subtract the population's mean cost and divide by its standard
+                deviation before eq. (2).
+            start: Where the search distribution's mean starts.
+            recommendation: "mean" of the search distribution, or see `EpisodeTuner`.
+            reevaluate_top: See `EpisodeTuner`.
+            reevaluate_share: See `EpisodeTuner`.
+
+        Raises:
+            ConfigError: If `start` is "nominal" and the task has no nominal parameters.
+        """
+        super().__init__(
+            problem,
+            recommendation=recommendation,
+            reevaluate_top=reevaluate_top,
+            reevaluate_share=reevaluate_share,
+        )
+        self._population = population
+        self._sigma = sigma
+        self._step_size = step_size
+        self._standardise = standardise_costs
+        self._start = start
+        self._theta = starting_point(problem, start, self._rng)
+        self._adam = Adam(problem.space.dimension)
+        self._noise: list[np.ndarray] = []
+
+    def _draw(self) -> list[np.ndarray]:
+        noise = self._rng.standard_normal((self._population, len(self._theta)))
+        self._noise.append(noise)
+        return list(self._theta + self._sigma * noise)
+
+    def _learn(self, costs: np.ndarray) -> dict[str, float]:
+        gradient = es_gradient(
+            np.concatenate(self._noise), costs, self._sigma, standardise=self._standardise
+        )
+        self._noise = []
+        # The mean stays in the box: beyond it nothing would pull it back, since the noise is
+        # clipped away there.
+        step = self._adam.step(gradient, self._step_size)
+        self._theta = self._problem.space.clip(self._theta - step)
+        return {"gradient_norm": float(np.linalg.norm(gradient))}
+
+    def _own_recommendation(self) -> np.ndarray | None:
+        return self._theta
+
+    def _own_state(self) -> Any:
+        return self._theta.copy(), self._adam.state(), [noise.copy() for noise in self._noise]
+
+    def _own_restore(self, state: Any) -> None:
+        theta, adam, noise = state
+        self._theta = theta.copy()
+        self._adam.restore(adam)
+        self._noise = [array.copy() for array in noise]
+
+    def describe(self) -> dict[str, Any]:
+        """Return the choices, all of them this project's own."""
+        return {
+            "start": self._start,
+            "population": self._population,
+            "spread": self._sigma,
+            "step_size": self._step_size,
+            "standardise_costs": self._standardise,
+            **super().describe(),
+        }
+
+
+def es_gradient(
+    noise: np.ndarray, costs: np.ndarray, sigma: float, *, standardise: bool
+) -> np.ndarray:
+    """Return the gradient estimate (d,) of eq. (2): sum_i f_i eps_i / (n sigma).
+
+    Args:
+        noise: eps (n, d).
+        costs: f (n,).
+        sigma: Standard deviation of the search distribution.
+        standardise: Use (f - mean) / standard deviation in place of f; zero if all f are equal.
+    """
+    if standardise:
+        centred = costs - costs.mean()
+        deviation = centred.std()
+        costs = centred / deviation if deviation > 0 else np.zeros_like(costs)
+    return costs @ noise / (len(costs) * sigma)

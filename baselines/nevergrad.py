@@ -1,0 +1,220 @@
+"""Any optimiser of Nevergrad by its name, on whole episodes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Literal
+
+import nevergrad as ng
+import numpy as np
+from nevergrad.common.errors import InefficientSettingsWarning
+from nevergrad.optimization import recaster
+
+from zoac.baselines.episodes import Count, EpisodeTuner, Positive, Share, starting_point
+from zoac.errors import ConfigError, suggest
+from zoac.tuner import Problem
+
+Optimizer = Any
+Factory = Callable[[Any, int, int], Optimizer]
+"""Parametrization, number of evaluations, number of workers -> optimiser."""
+
+LIBRARY_SPREAD = 1.0 / 3.0
+"""Nevergrad's mutation standard deviation for bounds [-1, 1]: a sixth of their distance."""
+
+
+class _DaemonThread(recaster._MessagingThread):
+    """Optimisers without ask and tell run in a thread that would keep Python from exiting."""
+
+    daemon = True
+
+
+recaster._MessagingThread = _DaemonThread
+
+
+class NevergradTuner(EpisodeTuner):
+    """An optimiser of Nevergrad, by ask and tell.
+
+    Its state is the history of costs: `restore` builds the optimiser anew from the same seed, asks
+    and tells it the same again. That needs nothing of an optimiser but to be deterministic, and
+    takes as long as the optimiser's own computations did.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        factory: Factory,
+        *,
+        start: str,
+        spread: float | None = None,
+        recommendation: str,
+        reevaluate_top: int,
+        reevaluate_share: float,
+    ) -> None:
+        """
+        Args:
+            problem: What is tuned.
+            factory: Makes the optimiser.
+            start: See `starting_point`: the parametrization's initial value.
+            spread: Standard deviation of Nevergrad's mutations, in the mapped box.
+            recommendation: "library": the optimiser's own; or see `EpisodeTuner`.
+            reevaluate_top: See `EpisodeTuner`.
+            reevaluate_share: See `EpisodeTuner`.
+
+        Raises:
+            ConfigError: If the optimiser needs a package that is not installed, or `start` is
+                "nominal" and the task has no nominal parameters.
+        """
+        super().__init__(
+            problem,
+            recommendation=recommendation,
+            reevaluate_top=reevaluate_top,
+            reevaluate_share=reevaluate_share,
+        )
+        self._factory = factory
+        self._start = start
+        self._spread = LIBRARY_SPREAD if spread is None else spread
+        self._first = starting_point(problem, start, self._rng)
+        self._seed = int(self._rng.integers(2**32))
+        self._begin()
+
+    def _begin(self) -> None:
+        """Make the optimiser as it is before the first ask."""
+        self._optimizer, self._workers = self._make()
+        self._asked: list[Any] = []
+        self._history: list[int | np.ndarray] = []  # points asked; costs told
+
+    def _make(self) -> tuple[Optimizer, int]:
+        box = ng.p.Array(init=self._first, lower=-1.0, upper=1.0)
+        box.set_mutation(sigma=self._spread)
+        box.random_state.seed(self._seed)
+        workers = self._problem.lanes
+        with library_calls():
+            try:
+                return self._factory(box, self.search_episodes, workers), workers
+            except ValueError as error:
+                if "parallelization" not in str(error):
+                    raise
+            return self._factory(box, self.search_episodes, 1), 1
+
+    def _can_wait(self) -> bool:
+        return self._workers > 1
+
+    def _batch(self) -> int:
+        """Return the number of points per ask."""
+        return self._workers
+
+    def _draw(self) -> list[np.ndarray]:
+        return self._ask_library(self._batch())
+
+    def _ask_library(self, n: int) -> list[np.ndarray]:
+        with library_calls():
+            candidates = [self._optimizer.ask() for _ in range(n)]
+        self._asked += candidates
+        self._history.append(n)
+        return [np.array(candidate.value) for candidate in candidates]
+
+    def _learn(self, costs: np.ndarray) -> dict[str, float]:
+        with library_calls():
+            for candidate, cost in zip(self._asked, costs, strict=True):
+                self._optimizer.tell(candidate, float(cost))
+        self._asked = []
+        self._history.append(costs)
+        return {}
+
+    def _own_recommendation(self) -> np.ndarray | None:
+        if self._optimizer.num_tell == 0:
+            return self._first
+        random_state = self._optimizer.parametrization.random_state
+        before = random_state.get_state()
+        with library_calls():
+            value = np.array(self._optimizer.provide_recommendation().value)
+        random_state.set_state(before)
+        return value
+
+    def _own_state(self) -> Any:
+        return [item if isinstance(item, int) else item.copy() for item in self._history]
+
+    def _own_restore(self, state: Any) -> None:
+        self._begin()
+        for item in state:
+            if isinstance(item, int):
+                self._ask_library(item)
+            else:
+                self._learn(item.copy())
+
+    def describe(self) -> dict[str, Any]:
+        """Return the choices that a fair comparison must show."""
+        return {
+            "optimizer": str(self._optimizer.name),
+            "library": f"nevergrad {ng.__version__}",
+            "start": self._start,
+            "evaluations": self.search_episodes,
+            "workers": self._workers,
+            "batch": self._batch(),
+            **super().describe(),
+        }
+
+
+class Nevergrad(NevergradTuner):
+    """The optimiser called `name` in Nevergrad's registry."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        name: str = "TwoPointsDE",
+        start: Literal["random", "nominal", "middle"] = "random",
+        spread: Positive | None = None,
+        recommendation: Literal["library", "best_seen", "reevaluated"] = "library",
+        reevaluate_top: Count = 10,
+        reevaluate_share: Share = 0.1,
+    ) -> None:
+        """
+        Args:
+            problem: What is tuned.
+            name: A name in `nevergrad.optimizers.registry`.
+            start: The value that the optimiser starts from; some ignore it.
+            spread: Standard deviation of Nevergrad's mutations in the mapped box; None: the
+                library's.
+            recommendation: "library": the optimiser's own; or see `EpisodeTuner`.
+            reevaluate_top: See `EpisodeTuner`.
+            reevaluate_share: See `EpisodeTuner`.
+
+        Raises:
+            ConfigError: If there is no optimiser of that name, or see `NevergradTuner`.
+        """
+        registry = ng.optimizers.registry
+        if name not in registry:
+            raise ConfigError(f"unknown Nevergrad optimiser {name!r}; {suggest(name, registry)}")
+        super().__init__(
+            problem,
+            registry[name],
+            start=start,
+            spread=spread,
+            recommendation=recommendation,
+            reevaluate_top=reevaluate_top,
+            reevaluate_share=reevaluate_share,
+        )
+
+    def describe(self) -> dict[str, Any]:
+        """Return the choices that a fair comparison must show."""
+        return {**super().describe(), "spread": self._spread}
+
+
+@contextmanager
+def library_calls() -> Iterator[None]:
+    """Silence what Nevergrad says about settings that are meant, and explain what it lacks.
+
+    Raises:
+        ConfigError: If the optimiser needs a package that is not installed.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InefficientSettingsWarning)
+        try:
+            yield
+        except ImportError as error:
+            raise ConfigError(
+                f"this Nevergrad optimiser needs a package that is not installed: {error}"
+            ) from error

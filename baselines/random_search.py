@@ -1,0 +1,46 @@
+"""Uniform random search."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+
+from zoac.baselines.episodes import Count, EpisodeTuner, Share
+from zoac.tuner import Problem
+
+
+class RandomSearch(EpisodeTuner):
+    """Points drawn uniformly from the mapped box, one episode each."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        recommendation: Literal["best_seen", "reevaluated"] = "best_seen",
+        reevaluate_top: Count = 10,
+        reevaluate_share: Share = 0.1,
+    ) -> None:
+        """See `EpisodeTuner` for the options."""
+        super().__init__(
+            problem,
+            recommendation=recommendation,
+            reevaluate_top=reevaluate_top,
+            reevaluate_share=reevaluate_share,
+        )
+
+    def _draw(self) -> list[np.ndarray]:
+        size = (self._problem.lanes, self._problem.space.dimension)
+        return list(self._rng.uniform(-1.0, 1.0, size))
+
+    def _learn(self, costs: np.ndarray) -> dict[str, float]:
+        return {}
+
+    def _own_recommendation(self) -> np.ndarray | None:
+        return None
+
+    def _own_state(self) -> Any:
+        return None
+
+    def _own_restore(self, state: Any) -> None:
+        pass

@@ -1,0 +1,1 @@
+"""Speed, measured by hand and told in ratios of one run."""

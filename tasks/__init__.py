@@ -1,0 +1,18 @@
+"""Built-in tasks, each one folder here and one YAML file in `conf/task`."""
+
+from __future__ import annotations
+
+import gymnasium
+
+
+def register() -> None:
+    """Make Gymnasium know `zoac/PidAcc-v0` and `zoac/MpcTracking-v0`; importing `zoac` does it."""
+    for name, package, lanes in (
+        ("PidAcc", "pid_acc", "PidAccLanes"),
+        ("MpcTracking", "mpc_tracking", "MpcTrackingLanes"),
+    ):
+        gymnasium.register(
+            id=f"zoac/{name}-v0",
+            entry_point=f"zoac.tasks.{package}.plant:make_single",
+            vector_entry_point=f"zoac.tasks.{package}.plant:{lanes}",
+        )

@@ -1,0 +1,155 @@
+"""The numerically stable bicycle model of the paper and its Jacobians.
+
+State X = (x, y, phi, u, v, omega) [m, m, rad, m/s, m/s, rad/s], input U = (delta, a)
+[rad, m/s^2], model parameters theta = (I_z, k_f, k_r, l_f, l_r, m)
+[kg m^2, N/rad, N/rad, m, m, kg].
+
+Every lane is computed by itself in scalar loops: no library call spans lanes, so a lane's bits
+do not depend on its neighbours.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from zoac.mpc.solvers.base import Sparsity
+from zoac.tasks.mpc_tracking.path import STEP
+
+STATES = ("x", "y", "phi", "u", "v", "omega")
+INPUTS = ("delta", "a")
+INPUT_HIGH = np.array([2 * math.pi / 15, 3.0])
+INPUT_LOW = -INPUT_HIGH
+TRUE_PARAMETERS = np.array([1536.7, -128916.0, -85944.0, 1.06, 1.85, 1412.0])
+"""I_z, k_f, k_r, l_f, l_r, m of the plant (Table I)."""
+
+
+@njit(cache=True)
+def advance(
+    theta: np.ndarray, state: np.ndarray, delta: float, a: float, after: np.ndarray
+) -> None:
+    """Write F_theta(state, (delta, a)) (6,) into `after`: the paper's predictive model."""
+    inertia, k_f, k_r, l_f, l_r, m = theta
+    x, y, phi, u, v, omega = state
+    cos, sin = math.cos(phi), math.sin(phi)
+    after[0] = x + STEP * (u * cos - v * sin)
+    after[1] = y + STEP * (v * cos + u * sin)
+    after[2] = phi + STEP * omega
+    after[3] = u + STEP * a
+    moment = l_f * k_f - l_r * k_r
+    after[4] = (
+        m * u * v + STEP * moment * omega - STEP * k_f * delta * u - STEP * m * u * u * omega
+    ) / (m * u - STEP * (k_f + k_r))
+    after[5] = (inertia * u * omega + STEP * moment * v - STEP * l_f * k_f * delta * u) / (
+        inertia * u - STEP * (l_f * l_f * k_f + l_r * l_r * k_r)
+    )
+
+
+@njit(cache=True)
+def jacobians(
+    theta: np.ndarray,
+    state: np.ndarray,
+    delta: float,
+    after: np.ndarray,
+    a: np.ndarray,
+    b: np.ndarray,
+) -> None:
+    """Write dF/dX (6, 6) into `a` and dF/dU (6, 2) into `b`; `after` is F at the same point.
+
+    Entries that are always zero (`SPARSITY`) are left as they are.
+    """
+    inertia, k_f, k_r, l_f, l_r, m = theta
+    _, _, phi, u, v, omega = state
+    cos, sin = math.cos(phi), math.sin(phi)
+    moment = l_f * k_f - l_r * k_r
+    a[0, 0] = 1.0
+    a[0, 2] = -STEP * (u * sin + v * cos)
+    a[0, 3] = STEP * cos
+    a[0, 4] = -STEP * sin
+    a[1, 1] = 1.0
+    a[1, 2] = STEP * (u * cos - v * sin)
+    a[1, 3] = STEP * sin
+    a[1, 4] = STEP * cos
+    a[2, 2] = 1.0
+    a[2, 5] = STEP
+    a[3, 3] = 1.0
+    b[3, 1] = STEP
+    # The last two rows are quotients p/q: (p/q)' = (p' - (p/q) q') / q.
+    q = m * u - STEP * (k_f + k_r)
+    a[4, 3] = (m * v - STEP * k_f * delta - 2.0 * STEP * m * u * omega - after[4] * m) / q
+    a[4, 4] = m * u / q
+    a[4, 5] = STEP * (moment - m * u * u) / q
+    b[4, 0] = -STEP * k_f * u / q
+    q = inertia * u - STEP * (l_f * l_f * k_f + l_r * l_r * k_r)
+    a[5, 3] = (inertia * omega - STEP * l_f * k_f * delta - after[5] * inertia) / q
+    a[5, 4] = STEP * moment / q
+    a[5, 5] = inertia * u / q
+    b[5, 0] = -STEP * l_f * k_f * u / q
+
+
+@njit(cache=True)
+def _roll_out_and_linearise(
+    theta: np.ndarray, inputs: np.ndarray, states: np.ndarray, a: np.ndarray, b: np.ndarray
+) -> None:
+    for lane in range(len(inputs)):
+        for k in range(inputs.shape[1]):
+            delta, acceleration = inputs[lane, k]
+            before, after = states[lane, k], states[lane, k + 1]
+            advance(theta[lane], before, delta, acceleration, after)
+            jacobians(theta[lane], before, delta, after, a[lane, k], b[lane, k])
+
+
+@njit(cache=True)
+def _advance_lanes(
+    theta: np.ndarray, states: np.ndarray, inputs: np.ndarray, after: np.ndarray
+) -> None:
+    for lane in range(len(states)):
+        advance(theta[lane], states[lane], inputs[lane, 0], inputs[lane, 1], after[lane])
+
+
+class BicycleModel:
+    """The predictive model of n lanes, each with its own parameters theta."""
+
+    input_low = INPUT_LOW
+    input_high = INPUT_HIGH
+    sparsity = Sparsity(
+        a=np.array(
+            [
+                [1, 0, 1, 1, 1, 0],
+                [0, 1, 1, 1, 1, 0],
+                [0, 0, 1, 0, 0, 1],
+                [0, 0, 0, 1, 0, 0],
+                [0, 0, 0, 1, 1, 1],
+                [0, 0, 0, 1, 1, 1],
+            ],
+            dtype=bool,
+        ),
+        b=np.array([[0, 0], [0, 0], [0, 0], [0, 1], [1, 0], [1, 0]], dtype=bool),
+    )
+
+    def linearise(
+        self, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Roll out from `start` (n, 6) along `inputs` (n, N, 2) and linearise about it.
+
+        Args:
+            theta: Model parameters (n, 6).
+
+        Returns:
+            States (n, N + 1, 6), dF/dX (n, N, 6, 6) and dF/dU (n, N, 6, 2).
+        """
+        n, horizon, _ = inputs.shape
+        states = np.empty((n, horizon + 1, 6))
+        states[:, 0] = start
+        a = np.zeros((n, horizon, 6, 6))
+        b = np.zeros((n, horizon, 6, 2))
+        _roll_out_and_linearise(theta, inputs, states, a, b)
+        return states, a, b
+
+    def predict(self, theta: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+        """Return F_theta(states (n, 6), inputs (n, 2)) (n, 6)."""
+        after = np.empty_like(states)
+        _advance_lanes(theta, states, inputs, after)
+        return after

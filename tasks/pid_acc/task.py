@@ -1,0 +1,61 @@
+"""Task `pid_acc`: tune a PID for adaptive cruise control."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
+
+from zoac.parameters import Parameter, ParameterSpace
+from zoac.rollout import Segment
+from zoac.task import Task, Trace
+from zoac.tasks.pid_acc.pid import IncrementalPid
+from zoac.tasks.pid_acc.plant import PidAccLanes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+class PidAcc(Task):
+    """Four gains in [0, 10], linear."""
+
+    space = ParameterSpace([Parameter(name, 0.0, 10.0) for name in ("k", "Kp", "Ki", "Kd")])
+    nominal = {"k": 2.492, "Kp": 0.8307, "Ki": 0.0, "Kd": 3.1173}
+    """The hand-tuned gains of the authors' first release."""
+
+    def __init__(
+        self,
+        *,
+        preceding_std: Annotated[float, Field(ge=0)] = 0.05,
+        jerk: Literal["rate", "increment"] = "rate",
+        max_episode_steps: Annotated[int, Field(ge=1)] = 1000,
+    ) -> None:
+        """See `PidAccLanes` for the options."""
+        self._preceding_std, self._max_episode_steps = preceding_std, max_episode_steps
+        self._jerk: Literal["rate", "increment"] = jerk
+
+    def make_env(self, n: int) -> PidAccLanes:
+        """Return `n` lanes of car following."""
+        return PidAccLanes(
+            n,
+            preceding_std=self._preceding_std,
+            jerk=self._jerk,
+            max_episode_steps=self._max_episode_steps,
+        )
+
+    def make_controller(self) -> IncrementalPid:
+        """Return the PID."""
+        return IncrementalPid()
+
+    def traces(self, segment: Segment) -> list[Trace]:
+        """Return what Fig. 5 shows."""
+        from zoac.tasks.pid_acc import figures
+
+        return figures.traces(segment)
+
+    def draw(self, axes: Axes, segment: Segment, step: int) -> bool:
+        """Draw the two cars."""
+        from zoac.tasks.pid_acc import figures
+
+        figures.draw(axes, segment, step)
+        return True

@@ -1,0 +1,120 @@
+import numpy as np
+import pytest
+import torch
+
+from zoac.algorithm.adam import Adam
+from zoac.algorithm.critic import Critic, RunningStatistics
+
+
+def make_critic(seed=0, epochs=1, minibatch=64, **options):
+    rng = np.random.default_rng(seed)
+    return Critic(5, (16, 12), 1e-2, epochs, minibatch, rng, **options)
+
+
+def torch_twin(critic):
+    """The same network as PyTorch modules, with the same weights."""
+    layers = []
+    for matrix, bias in zip(critic._matrices, critic._biases, strict=True):
+        linear = torch.nn.Linear(matrix.shape[1], matrix.shape[0])
+        linear.weight.data.copy_(matrix)
+        linear.bias.data.copy_(bias)
+        layers += [linear, torch.nn.Tanh()]
+    return torch.nn.Sequential(*layers[:-1])
+
+
+def test_values_are_those_of_the_network():
+    critic = make_critic()
+    observations = np.random.default_rng(1).normal(size=(9, 5))
+    expected = torch_twin(critic)(torch.from_numpy(observations).float())[:, 0]
+    np.testing.assert_allclose(critic.values(observations), expected.detach(), rtol=1e-5)
+
+
+def test_one_step_is_that_of_autograd_and_adam_on_equation_8():
+    critic = make_critic(minibatch=32)
+    twin = torch_twin(critic)
+    rng = np.random.default_rng(2)
+    observations, targets = rng.normal(size=(32, 5)), rng.normal(size=32)
+    adam = torch.optim.Adam(twin.parameters(), lr=1e-2)
+    error = twin(torch.from_numpy(observations).float())[:, 0] - torch.from_numpy(targets).float()
+    loss = (0.5 * error**2).mean()
+    loss.backward()
+    adam.step()
+    assert critic.fit(observations, targets) == pytest.approx(loss.item(), rel=1e-5)
+    expected = twin(torch.from_numpy(observations).float())[:, 0].detach()
+    np.testing.assert_allclose(critic.values(observations), expected, rtol=1e-4, atol=1e-5)
+
+
+def test_orthogonal_start_with_the_stated_gains():
+    critic = make_critic()
+    first, second, last = (m.numpy() for m in critic._matrices)
+    np.testing.assert_allclose(first.T @ first, (5 / 3) ** 2 * np.eye(5), atol=1e-5)
+    np.testing.assert_allclose(second @ second.T, (5 / 3) ** 2 * np.eye(12), atol=1e-5)
+    np.testing.assert_allclose(last @ last.T, [[1.0]], atol=1e-5)
+    assert all(not bias.any() for bias in critic._biases)
+
+
+def test_fit_learns_a_function():
+    rng = np.random.default_rng(3)
+    observations = rng.normal(size=(512, 5))
+    targets = np.sin(observations[:, 0]) + 0.5 * observations[:, 1]
+    critic = make_critic(epochs=60)
+    first = critic.fit(observations, targets)
+    assert critic.fit(observations, targets) < 0.05 * first + 1e-3
+
+
+@pytest.mark.parametrize("scale", [0.01, 10.0])
+def test_target_scale_leaves_the_units_of_values_and_loss(scale):
+    rng = np.random.default_rng(4)
+    observations = rng.normal(size=(256, 5))
+    targets = np.full(256, 3.0 / scale)
+    critic = make_critic(epochs=80, target_scale=scale)
+    loss = critic.fit(observations, targets)
+    assert loss < 0.05 * (3.0 / scale) ** 2
+    np.testing.assert_allclose(critic.values(observations).mean(), 3.0 / scale, rtol=0.1)
+
+
+def test_restored_critic_goes_on_to_the_same_bits():
+    rng = np.random.default_rng(5)
+    observations, targets = rng.normal(size=(100, 5)), rng.normal(size=100)
+    critic = make_critic(epochs=2, normalise_observations=True)
+    critic.learn_scale(observations)
+    critic.fit(observations, targets)
+    twin = make_critic(seed=9, epochs=2, normalise_observations=True)
+    twin.restore(critic.state())
+    assert critic.fit(observations, targets) == twin.fit(observations, targets)
+    assert np.array_equal(critic.values(observations), twin.values(observations))
+
+
+def test_saved_state_does_not_change_with_the_critic():
+    rng = np.random.default_rng(6)
+    observations, targets = rng.normal(size=(40, 5)), rng.normal(size=40)
+    critic = make_critic()
+    critic.fit(observations, targets)
+    saved = critic.state()
+    before = saved["weights"].copy(), saved["adam"]["exp_avg"].copy()
+    critic.fit(observations, targets)
+    assert np.array_equal(saved["weights"], before[0])
+    assert np.array_equal(saved["adam"]["exp_avg"], before[1])
+
+
+def test_running_statistics_are_those_of_all_observations_together():
+    rng = np.random.default_rng(7)
+    parts = [rng.normal(3.0, 2.0, size=(n, 2)) for n in (5, 1, 40)]
+    statistics = RunningStatistics(2)
+    for part in parts:
+        statistics.update(part)
+    everything = np.concatenate(parts)
+    expected = (everything - everything.mean(axis=0)) / everything.std(axis=0)
+    np.testing.assert_allclose(statistics.normalised(everything), expected, rtol=1e-6)
+
+
+def test_adam_is_pytorchs():
+    rng = np.random.default_rng(8)
+    theta = torch.zeros(3, dtype=torch.float64, requires_grad=True)
+    reference = torch.optim.Adam([theta], lr=0.03)
+    adam, ours = Adam(3), np.zeros(3)
+    for gradient in rng.normal(size=(20, 3)):
+        theta.grad = torch.from_numpy(gradient)
+        reference.step()
+        ours -= adam.step(gradient, 0.03)
+    np.testing.assert_allclose(ours, theta.detach().numpy(), rtol=1e-6)

@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+
+from tests.support import CountingTask, lane_group
+from zoac.algorithm.zoac import Zoac
+from zoac.tuner import Problem
+
+OPTIONS = {
+    "segment_length": 3,
+    "segments": 2,
+    "sigma": 0.1,
+    "step_size": 0.03,
+    "step_size_end": 0.01,
+    "step_size_slope": 0.002,
+    "hidden": (8,),
+}
+
+
+def make_zoac(seed=0, lanes=4, **options):
+    problem = Problem(CountingTask.space, 3, lanes, 1000, 7, seed)
+    return Zoac(problem, **{**OPTIONS, **options})
+
+
+def iterate(tuner, group, times=1):
+    for _ in range(times):
+        metrics = tuner.tell(group.rollout(tuner.ask()))
+    return metrics
+
+
+def test_asks_for_n_h_segments_of_n_steps_around_the_iterate():
+    tuner = make_zoac(lanes=500, segments=4)
+    proposals = tuner.ask()
+    assert [p.lane for p in proposals] == list(range(500)) * 4
+    assert {p.horizon for p in proposals} == {3}
+    offsets = (np.stack([p.z for p in proposals]) - tuner._theta) / 0.1
+    assert abs(offsets.mean()) < 0.1
+    assert offsets.std() == pytest.approx(1.0, abs=0.05)
+
+
+def test_mirrored_lanes_use_opposite_noise():
+    tuner = make_zoac(lanes=4, mirrored=True)
+    z = np.stack([p.z for p in tuner.ask()]).reshape(2, 4, 2) - tuner._theta
+    np.testing.assert_allclose(z[:, 0], -z[:, 1])
+    np.testing.assert_allclose(z[:, 2], -z[:, 3])
+
+
+def test_step_size_falls_linearly_then_holds():
+    tuner, group = make_zoac(), lane_group(CountingTask(), [0, 1, 2, 3])
+    sizes = [iterate(tuner, group)["step_size"] for _ in range(14)]
+    expected = [max(0.01, 0.03 - 0.002 * i) for i in range(14)]
+    np.testing.assert_allclose(sizes, expected)
+
+
+def test_without_annealing_the_step_size_stays():
+    tuner, group = make_zoac(anneal=False), lane_group(CountingTask(), [0, 1, 2, 3])
+    assert [iterate(tuner, group)["step_size"] for _ in range(3)] == [0.03] * 3
+
+
+def test_goes_down_the_cost():
+    """The cost of `CountingTask` grows with parameter a, so a must fall to its lower bound."""
+    tuner, group = make_zoac(lanes=20), lane_group(CountingTask(), list(range(20)))
+    iterate(tuner, group, 150)
+    assert CountingTask.space.physical(tuner.recommend())["a"] < 0.2
+
+
+def test_advantages_come_from_the_critic_before_its_update():
+    tuner, group = make_zoac(), lane_group(CountingTask(), [0, 1, 2, 3])
+    segments = group.rollout(tuner.ask())
+    values = tuner._critic.values(np.concatenate([s.observations for s in segments]))
+    assert tuner.tell(segments)["value_mean"] == float(values.mean())
+
+
+def test_same_seed_same_numbers_and_another_seed_others():
+    def last(seed):
+        tuner = make_zoac(seed)
+        iterate(tuner, lane_group(CountingTask(), [0, 1, 2, 3]), 3)
+        return tuner.recommend().tolist()
+
+    assert last(0) == last(0) != last(1)
+
+
+def test_average_is_recommended_when_asked_for():
+    tuner = make_zoac(recommend="average", average_decay=0.5)
+    start = tuner.recommend()
+    iterate(tuner, lane_group(CountingTask(), [0, 1, 2, 3]))
+    np.testing.assert_allclose(tuner.recommend(), 0.5 * (start + tuner._theta))
+
+
+def test_costs_that_are_not_finite_count_as_the_worst_seen():
+    tuner, group = make_zoac(), lane_group(CountingTask(), [0, 1, 2, 3])
+    segments = group.rollout(tuner.ask())
+    worst = max(float(s.costs.max()) for s in segments)
+    broken = [segments[0].with_costs(np.full(3, np.nan)), *segments[1:]]
+    mended = [segments[0].with_costs(np.full(3, worst)), *segments[1:]]
+    twin = make_zoac()
+    twin.ask()
+    assert tuner.tell(broken) == twin.tell(mended)
+    assert np.isfinite(tuner.recommend()).all()
+
+
+@pytest.mark.parametrize(("project", "leaves"), [(True, False), (False, True)])
+def test_the_iterate_stays_in_the_box_unless_told_otherwise(project, leaves):
+    tuner = make_zoac(lanes=20, project=project, step_size_slope=0.0)
+    iterate(tuner, lane_group(CountingTask(), list(range(20))), 80)
+    assert bool((np.abs(tuner._theta) > 1).any()) is leaves
+    assert (np.abs(tuner.recommend()) <= 1).all()

@@ -1,0 +1,113 @@
+"""Every YAML file composes, and what it names is built."""
+
+from pathlib import Path
+
+import pytest
+
+from zoac import build
+from zoac.config import compose_config, explain, resolved, variant_of
+from zoac.errors import ConfigError
+
+CONF = Path(__file__).parents[2] / "conf"
+
+
+def names(group):
+    return sorted(p.stem for p in (CONF / group).glob("*.yaml"))
+
+
+CHOICES = [
+    (group, name)
+    for group in ("task", "executor", "mpc_solver", "fidelity", "logger", "experiment")
+    for name in names(group)
+]
+
+
+@pytest.mark.parametrize(("group", "name"), CHOICES)
+def test_every_choice_of_every_group_composes_and_builds(group, name):
+    config = resolved(compose_config([f"{group}={name}"]))
+    build.build_settings(config)
+    build.build_task(config)
+    build.build_executor(config)
+
+
+@pytest.mark.parametrize("tuner", names("tuner"))
+@pytest.mark.parametrize("task", names("task"))
+def test_every_tuner_is_built_for_every_task(tuner, task):
+    config = resolved(compose_config([f"tuner={tuner}", f"task={task}"]))
+    built = build.build_tuner(config, build.build_task(config), build.build_settings(config))
+    assert all(isinstance(key, str) for key in built.describe())
+
+
+def test_table_3_reaches_the_tuner():
+    pid = resolved(compose_config(["task=pid_acc"]))["tuner"]
+    mpc = resolved(compose_config(["task=mpc_tracking"]))["tuner"]
+    keys = ("segment_length", "segments", "sigma", "step_size", "step_size_end", "step_size_slope")
+    assert [pid[k] for k in keys] == [10, 4, 0.08, 3e-2, 1e-2, 2e-4]
+    assert [mpc[k] for k in keys] == [20, 5, 0.1, 5e-2, 1e-2, 1e-4]
+    shared = ("gamma", "lam", "hidden", "critic_step_size", "epochs", "minibatch")
+    assert [pid[k] for k in shared] == [0.99, 0.95, [256, 256], 5e-4, 10, 128]
+
+
+def test_fidelity_reaches_the_task():
+    config = resolved(compose_config(["task=pid_acc", "fidelity=authors_code"]))
+    assert config["task"]["jerk"] == "increment"
+    assert config["tuner"]["anneal"] is False
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("tuner.sgima=1", "did you mean 'tuner.sigma'"),
+        ("sede=1", "did you mean 'seed'"),
+        ("task=pidacc", "did you mean 'pid_acc'"),
+        ("tuner=zoca", "did you mean 'zoac'"),
+        ("fidelity=papre", "did you mean 'paper'"),
+        ("seed=x", "seed=x.*Integer"),
+        ("budget=1.5", "budget=1.5"),
+        ("resume=yes", "auto, never, overwrite"),
+        ("a=b=c", "cannot read the override 'a=b=c'"),
+        ("evaluation.episode=3", "did you mean 'evaluation.episodes'"),
+    ],
+)
+def test_a_bad_override_gets_one_message_with_the_nearest_choice(override, message):
+    with pytest.raises(ConfigError, match=f"(?s){message}"):
+        compose_config([override])
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("lanes=0", "lanes=0: input should be greater"),
+        ("budget=-1", "budget=-1"),
+        ("seed=-1", "seed=-1"),
+        ("evaluation.episodes=0", "evaluation.episodes=0"),
+        ("tuner.sigma=abc", "tuner.sigma='abc'"),
+        ("tuner.sigma=-1", "tuner.sigma=-1: input should be greater than 0"),
+        ("tuner.gamma=1.2", "tuner.gamma=1.2"),
+        ("tuner.hidden=[3,x]", r"tuner.hidden\[1\]='x'"),
+        ("tuner.recommend=lats", "'last' or 'average'"),
+        ("task.jerk=rat", "'rate' or 'increment'"),
+        ("tuner.sigma=nan", "NaN"),
+        ("executor.workers=0 executor=process", "executor.workers=0"),
+    ],
+)
+def test_a_bad_value_is_named(override, message):
+    with pytest.raises(ConfigError, match=message):
+        config = resolved(compose_config(sorted(override.split())))
+        settings = build.build_settings(config)
+        build.build_executor(config)
+        build.build_tuner(config, build.build_task(config), settings)
+
+
+def test_a_variant_is_what_the_overrides_change_beyond_identity():
+    overrides = ["task=pid_acc", "seed=3", "tuner.sigma=0.2", "budget=100", "executor=process"]
+    assert variant_of({"variant": None}, overrides) == "budget=100,tuner.sigma=0.2"
+    assert variant_of({"variant": None}, overrides[:2]) is None
+    assert variant_of({"variant": "mine"}, overrides) == "mine"
+
+
+def test_explanations_do_not_show_hydras_inner_names():
+    with pytest.raises(ConfigError) as error:
+        compose_config(["budget=x"])
+    assert "full_key" not in str(error.value)
+    assert "object_type" not in explain(error.value.__cause__, ["budget=x"])

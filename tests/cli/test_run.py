@@ -1,0 +1,131 @@
+"""The command line as a user types it."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from zoac.run import multirun_first
+
+ROOT = Path(__file__).parents[2]
+SMALL = [
+    "budget=400", "eval_every=400", "evaluation.episodes=2", "evaluation.final_episodes=3",
+    "task.max_episode_steps=50", "variant=small",
+]  # fmt: skip
+
+
+def zoac(*arguments, cwd, **options):
+    return subprocess.run(
+        [sys.executable, "-m", "zoac.run", *arguments],
+        cwd=cwd, capture_output=True, text=True, timeout=300,
+        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd), **options},
+    )  # fmt: skip
+
+
+def result(folder, task="pid_acc", tuner="zoac", seed=0):
+    path = folder / "runs" / task / tuner / f"seed={seed}" / "variant=small" / "result.json"
+    return json.loads(path.read_text())
+
+
+def test_multirun_flag_may_stand_anywhere():
+    arguments = ["task=pid_acc", "tuner=zoac", "-m", "seed=0,1"]
+    assert multirun_first(arguments) == ["-m", "task=pid_acc", "tuner=zoac", "seed=0,1"]
+    assert multirun_first(["seed=0"]) == ["seed=0"]
+
+
+def test_a_sweep_writes_a_folder_per_seed_and_a_second_launch_does_nothing_again(tmp_path):
+    command = ["task=pid_acc", "tuner=zoac", "-m", "seed=0,1", *SMALL]
+    first = zoac(*command, cwd=tmp_path)
+    assert first.returncode == 0, first.stderr
+    one, two = result(tmp_path, seed=0), result(tmp_path, seed=1)
+    assert one["z"] != two["z"]
+    assert (one["task"], one["tuner"], one["seed"], one["variant"]) == (
+        "pid_acc",
+        "zoac",
+        0,
+        "small",
+    )
+    assert len(one["cost_per_episode"]) == len(one["episode_lengths"]) == 3
+    second = zoac(*command, cwd=tmp_path)
+    assert second.stdout.count("done already") == 2
+    assert result(tmp_path, seed=0) == one
+
+
+def test_a_bad_key_gives_one_message_no_traceback_and_a_code(tmp_path):
+    done = zoac("tuner.sgima=1", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: unknown key 'tuner.sgima'")
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_failing_job_leaves_its_siblings_alone_and_is_told_at_the_end(tmp_path):
+    done = zoac("-m", "tuner.sigma=-1,0.1", *SMALL[:-1], cwd=tmp_path)
+    assert done.returncode == 1
+    assert "1 job(s) of the sweep failed" in done.stderr
+    assert "tuner.sigma=-1: input should be greater than 0" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(list(tmp_path.rglob("result.json"))) == 1
+
+
+def test_another_configuration_in_the_same_folder_is_refused_by_key(tmp_path):
+    assert zoac(*SMALL, cwd=tmp_path).returncode == 0
+    done = zoac(*SMALL, "tuner.sigma=0.3", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "tuner.sigma: 0.08 there, 0.3 now" in done.stderr
+    assert zoac(*SMALL, "resume=never", cwd=tmp_path).returncode == 1
+    assert zoac(*SMALL, "tuner.sigma=0.3", "resume=overwrite", cwd=tmp_path).returncode == 0
+
+
+def test_an_unusable_runs_dir_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    done = zoac("runs_dir=file", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "cannot make the run folder file/pid_acc" in done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_cleanly_and_the_same_command_ends_on_the_same_bits(tmp_path, number):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    command = [*SMALL, "budget=6000"]
+    assert zoac(*command, cwd=tmp_path / "a").returncode == 0
+    process = subprocess.Popen(
+        [sys.executable, "-m", "zoac.run", *command], cwd=tmp_path / "b", stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True, env={"PYTHONPATH": str(ROOT), "HOME": str(tmp_path)},
+    )  # fmt: skip
+    metrics = tmp_path / "b/runs/pid_acc/zoac/seed=0/variant=small/metrics.jsonl"
+    deadline = time.monotonic() + 60
+    while not (metrics.exists() and metrics.stat().st_size) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    assert zoac(*command, cwd=tmp_path / "b").returncode == 0
+    assert result(tmp_path / "a")["z"] == result(tmp_path / "b")["z"]
+
+
+def test_a_second_process_on_the_same_folder_is_refused(tmp_path):
+    fcntl = pytest.importorskip("fcntl")
+    folder = tmp_path / "runs/pid_acc/zoac/seed=0/variant=small"
+    folder.mkdir(parents=True)
+    with open(folder / ".lock", "w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        done = zoac(*SMALL, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "another process is running this run" in done.stderr
+    assert zoac(*SMALL, cwd=tmp_path).returncode == 0
+
+
+def test_help_loads_nothing_heavy(tmp_path):
+    heavy = "{'torch', 'cvxpy', 'wandb', 'nevergrad', 'pandas', 'numba', 'scipy', 'matplotlib'}"
+    code = f"import sys, zoac.run; print({heavy} & set(sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "set()"

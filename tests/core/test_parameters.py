@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from zoac.errors import ConfigError
+from zoac.parameters import Parameter, ParameterSpace
+
+SPACE = ParameterSpace(
+    [
+        Parameter("gain", 0.0, 10.0),
+        Parameter("stiffness", -16e4, -8e4, unit="N/rad"),
+        Parameter("weight", 1e-6, 1e2, "log"),
+    ]
+)
+
+
+@given(st.lists(st.floats(-1, 1), min_size=3, max_size=3))
+def test_unit_inverts_physical(z):
+    np.testing.assert_allclose(SPACE.unit(SPACE.physical(np.array(z))), z, atol=1e-12)
+
+
+def test_ends_of_the_box_are_the_bounds_exactly():
+    ends = SPACE.values(np.array([[-1.0] * 3, [1.0] * 3]))
+    assert ends.tolist() == [[0.0, -16e4, 1e-6], [10.0, -8e4, 1e2]]
+
+
+def test_middle_is_arithmetic_or_geometric_mean():
+    middle = SPACE.physical(np.zeros(3))
+    assert middle["gain"] == pytest.approx(5.0)
+    assert middle["stiffness"] == pytest.approx(-12e4)
+    assert middle["weight"] == pytest.approx(1e-2)
+
+
+def test_values_outside_the_box_are_clipped():
+    assert np.array_equal(SPACE.values(np.full(3, 7.0)), SPACE.values(np.ones(3)))
+
+
+def test_physical_keeps_leading_shape():
+    assert SPACE.physical(np.zeros((4, 2, 3)))["weight"].shape == (4, 2)
+
+
+def test_mapping_leaves_its_argument_alone():
+    z = np.array([2.0, 0.5, 0.5])
+    SPACE.values(z)
+    assert z.tolist() == [2.0, 0.5, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("g", 1.0, 1.0), "lower bound must be below"),
+        (("g", 2.0, 1.0), "lower bound must be below"),
+        (("g", 0.0, 1.0, "log"), "positive lower bound"),
+        (("g", 0.0, float("inf")), "must be finite"),
+        (("g", 0.0, 1.0, "lgo"), "did you mean 'log'"),
+    ],
+)
+def test_impossible_bounds_are_refused(arguments, message):
+    with pytest.raises(ConfigError, match=message):
+        Parameter(*arguments)
+
+
+def test_unknown_name_gets_the_nearest():
+    with pytest.raises(ConfigError, match="did you mean 'gain'"):
+        SPACE.unit({"gian": 1.0})
+
+
+def test_value_outside_its_bounds_is_named_with_unit():
+    values = {"gain": 1.0, "stiffness": 0.0, "weight": 1.0}
+    with pytest.raises(ConfigError, match=r"'stiffness': 0.0 lies outside .* N/rad"):
+        SPACE.unit(values)
+
+
+def test_names_must_differ():
+    with pytest.raises(ConfigError, match="repeated: g"):
+        ParameterSpace([Parameter("g", 0, 1), Parameter("g", 0, 2)])

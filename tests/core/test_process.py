@@ -1,0 +1,66 @@
+import os
+import signal
+
+import pytest
+
+from tests.support import CountingTask, EchoController, lane_group, proposal, same_segment
+from zoac.errors import ControllerError
+from zoac.process import Process, WorkerError
+
+
+@pytest.fixture
+def processes():
+    executor = Process(workers=2)
+    yield executor
+    executor.close()
+
+
+def test_a_killed_worker_is_replaced_and_its_work_redone(processes):
+    processes.start(CountingTask(), 3, seed=0)
+    serial = lane_group(CountingTask(), [0, 1, 2])
+    plan = [proposal(lane, horizon=4) for lane in (0, 1, 2)] * 3
+    for victim in (None, 0, 1, 0):
+        if victim is not None:
+            os.kill(processes._workers[victim]._process.pid, signal.SIGKILL)
+        expected = serial.rollout(plan)
+        for one, two in zip(processes.rollout(plan), expected, strict=True):
+            assert same_segment(one, two)
+
+
+class _Suicidal(EchoController):
+    def act(self, params, obs, memory):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+class SuicidalTask(CountingTask):
+    def make_controller(self):
+        return _Suicidal()
+
+
+def test_work_that_kills_every_worker_ends_with_a_message(processes):
+    processes.start(SuicidalTask(), 2, seed=0)
+    with pytest.raises(WorkerError, match="died 3 times on the same work .*signal 9"):
+        processes.rollout([proposal(0)])
+
+
+class _Raising(EchoController):
+    def act(self, params, obs, memory):
+        raise ZeroDivisionError("in the controller")
+
+
+class RaisingTask(CountingTask):
+    def make_controller(self):
+        return _Raising()
+
+
+def test_an_error_in_a_worker_arrives_with_its_place(processes):
+    processes.start(RaisingTask(), 2, seed=0)
+    with pytest.raises(ControllerError, match="ZeroDivisionError: in the controller"):
+        processes.rollout([proposal(0)])
+
+
+def test_workers_end_when_the_executor_is_closed(processes):
+    processes.start(CountingTask(), 2, seed=0)
+    handles = list(processes._workers)
+    processes.close()
+    assert all(h._process.poll() is not None for h in handles)

@@ -1,0 +1,129 @@
+import json
+
+import numpy as np
+import pytest
+
+from tests.algorithm.test_zoac import OPTIONS
+from tests.support import CountingTask
+from zoac.algorithm.zoac import Zoac
+from zoac.executor import Serial
+from zoac.process import Process
+from zoac.records import read_metrics
+from zoac.runlog import RunLog
+from zoac.trainer import Interrupted, Settings, Trainer
+from zoac.tuner import Problem
+
+RUN = {"format": 1, "task": "t", "tuner": "z", "seed": 0, "variant": None, "config_hash": "0"}
+
+
+def train(folder, executor=None, stop=lambda: False, **settings):
+    settings = Settings(**{"budget": 200, "lanes": 3, "eval_every": 50, "episodes": 2,
+                           "final_episodes": 3, **settings})  # fmt: skip
+    task = CountingTask(max_episode_steps=7)
+    problem = Problem(task.space, 3, settings.lanes, settings.budget, 7, settings.seed)
+    executor = executor or Serial()
+    executor.start(task, settings.lanes, settings.seed)
+    folder.mkdir(exist_ok=True)
+    log = RunLog(folder, RUN)
+    try:
+        return Trainer(task, Zoac(problem, **OPTIONS), executor, settings, log, stop).run()
+    finally:
+        executor.close()
+        log.close()
+
+
+def numbers(folder, kind):
+    """The rows of one kind without what depends on the clock."""
+    rows = [r for r in read_metrics(folder) if r["kind"] == kind]
+    return [{k: v for k, v in row.items() if not k.endswith("_seconds")} for row in rows]
+
+
+def test_budget_is_exceeded_by_less_than_one_batch(tmp_path):
+    result = train(tmp_path)
+    batch = 3 * 2 * 3  # lanes, segments, steps
+    assert 200 <= result["env_steps"] < 200 + batch
+
+
+def test_evaluation_happens_at_the_start_every_so_often_and_at_the_end(tmp_path):
+    train(tmp_path)
+    rows = numbers(tmp_path, "eval")
+    steps = [row["env_steps"] for row in rows]
+    assert steps[0] == 0
+    assert [s // 50 for s in steps] == [0, 1, 2, 3, 4]
+    assert [row["final"] for row in rows] == [False] * 4 + [True]
+    assert [len(row["cost_per_episode"]) for row in rows] == [2, 2, 2, 2, 3]
+
+
+def test_evaluation_does_not_change_the_tuning(tmp_path):
+    often = train(tmp_path / "often", eval_every=10)
+    rarely = train(tmp_path / "rarely", eval_every=1000)
+    assert often["z"] == rarely["z"]
+
+
+def test_evaluation_episodes_do_not_depend_on_the_runs_seed(tmp_path):
+    """With the same action everywhere, costs differ by the episodes' random numbers alone."""
+    spreads = []
+    for seed in (0, 1):
+        train(tmp_path / str(seed), seed=seed)
+        costs = np.array(numbers(tmp_path / str(seed), "eval")[0]["cost_per_episode"])
+        spreads.append(costs[0] - costs[1])
+    assert spreads[0] == pytest.approx(spreads[1])
+
+
+def test_seed_twins_are_equal_to_the_last_bit(tmp_path):
+    one, two = train(tmp_path / "1"), train(tmp_path / "2")
+    assert one["z"] == two["z"]
+    assert numbers(tmp_path / "1", "train") == numbers(tmp_path / "2", "train")
+    assert train(tmp_path / "3", seed=1)["z"] != one["z"]
+
+
+@pytest.mark.parametrize("stop_after", [1, 4])
+def test_a_stopped_run_goes_on_to_the_same_bits(tmp_path, stop_after):
+    whole = train(tmp_path / "whole")
+    calls = iter(range(1000))
+    with pytest.raises(Interrupted):
+        train(tmp_path / "parts", stop=lambda: next(calls) == stop_after)
+    resumed = train(tmp_path / "parts")
+    assert resumed["z"] == whole["z"]
+    for kind in ("train", "eval"):
+        assert numbers(tmp_path / "parts", kind) == numbers(tmp_path / "whole", kind)
+
+
+def test_rows_after_the_last_checkpoint_are_not_doubled(tmp_path):
+    train(tmp_path / "whole")
+    calls = iter(range(1000))
+    with pytest.raises(Interrupted):
+        train(tmp_path / "killed", stop=lambda: next(calls) == 2)
+    with open(tmp_path / "killed" / "metrics.jsonl", "a") as file:
+        file.write('{"kind": "train", "env_steps": 9')  # what a kill leaves behind
+    train(tmp_path / "killed")
+    assert numbers(tmp_path / "killed", "train") == numbers(tmp_path / "whole", "train")
+
+
+def test_a_mirror_that_fails_does_not_end_the_run(tmp_path, capsys):
+    class Broken:
+        def start(self, run):
+            raise RuntimeError("no network")
+
+    log = RunLog(tmp_path, RUN, [Broken()])
+    log.row("train", {}, {"x": np.float64(1.5)})
+    log.close()
+    assert "Broken failed and is switched off: no network" in capsys.readouterr().err
+    assert json.loads((tmp_path / "metrics.jsonl").read_text()) == {"kind": "train", "x": 1.5}
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_processes_give_the_bits_of_serial(tmp_path, workers):
+    serial = train(tmp_path / "serial")
+    spread = train(tmp_path / "spread", executor=Process(workers=workers))
+    assert spread["z"] == serial["z"]
+    for kind in ("train", "eval"):
+        assert numbers(tmp_path / "spread", kind) == numbers(tmp_path / "serial", kind)
+
+
+def test_a_run_begun_in_processes_goes_on_in_serial(tmp_path):
+    whole = train(tmp_path / "whole")
+    calls = iter(range(1000))
+    with pytest.raises(Interrupted):
+        train(tmp_path / "parts", executor=Process(workers=2), stop=lambda: next(calls) == 3)
+    assert train(tmp_path / "parts")["z"] == whole["z"]

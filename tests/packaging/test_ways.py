@@ -1,0 +1,124 @@
+"""Four ways to have the package: each answers --help and finds its configuration."""
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SOURCES = (
+    "zoac",
+    "conf",
+    "tasks",
+    "baselines",
+    "analysis",
+    "pyproject.toml",
+    "README.md",
+    "LICENSE",
+)
+
+
+def run(*command, cwd, **environment):
+    env = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    return subprocess.run(
+        command, cwd=cwd, env={**env, **environment}, capture_output=True, text=True, timeout=300
+    )
+
+
+@pytest.fixture(scope="module")
+def clone(tmp_path_factory):
+    """A copy of the sources, as a fresh clone would have them."""
+    folder = tmp_path_factory.mktemp("clone")
+    skip = shutil.ignore_patterns("__pycache__", "*.egg-info")
+    for name in SOURCES:
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, folder / name, ignore=skip)
+        else:
+            shutil.copy(source, folder / name)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def empty_python(tmp_path_factory):
+    """Return a function that makes a Python with all dependencies and no zoac."""
+
+    def make():
+        folder = tmp_path_factory.mktemp("venv")
+        venv.create(folder, with_pip=False)
+        python = folder / "bin" / "python"
+        found = run(
+            str(python), "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder
+        )
+        packages = Path(found.stdout.strip())
+        dependencies = packages / "dependencies"
+        dependencies.mkdir()
+        for entry in Path(sysconfig.get_path("purelib")).iterdir():
+            if "zoac" not in entry.name:
+                (dependencies / entry.name).symlink_to(entry)
+        (packages / "dependencies.pth").write_text(str(dependencies))
+        return python
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def wheel(clone, tmp_path_factory):
+    out = tmp_path_factory.mktemp("wheel")
+    done = run(
+        sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-w", str(out),
+        ".", cwd=clone,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return next(out.glob("*.whl"))
+
+
+def install(python, what, cwd, *options):
+    done = run(
+        sys.executable, "-m", "pip", "--python", str(python), "install", "--no-deps",
+        "--no-build-isolation", *options, str(what), cwd=cwd,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+def answers(python, cwd):
+    """Check --help, and that config, subpackages and a user's error work."""
+    helped = run(str(python), "-m", "zoac.run", "--help", cwd=cwd)
+    assert helped.returncode == 0, helped.stderr
+    assert "pid_acc" in helped.stdout
+    code = "import gymnasium, zoac.baselines, zoac.analysis; gymnasium.make('zoac/PidAcc-v0')"
+    done = run(str(python), "-c", code, cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    done = run(str(python), "-m", "zoac.run", "task=pidacc", cwd=cwd)
+    assert "did you mean 'pid_acc'" in done.stderr
+
+
+def test_dependencies_only_in_a_clone(clone, empty_python):
+    answers(empty_python(), cwd=clone)
+
+
+def test_editable_from_anywhere(clone, empty_python, tmp_path):
+    python = empty_python()
+    install(python, clone, tmp_path, "--editable")
+    answers(python, cwd=tmp_path)
+
+
+def test_wheel_outside_and_inside_a_clone(wheel, clone, empty_python, tmp_path):
+    python = empty_python()
+    install(python, wheel, tmp_path)
+    answers(python, cwd=tmp_path)
+    answers(python, cwd=clone)
+
+
+def test_the_wheel_holds_nothing_outside_zoac(wheel):
+    import zipfile
+
+    names = zipfile.ZipFile(wheel).namelist()
+    assert {name.split("/")[0] for name in names if ".dist-info" not in name} == {"zoac"}
+    assert "zoac/conf/run.yaml" in names
+    assert "zoac/conf/task/pid_acc.yaml" in names

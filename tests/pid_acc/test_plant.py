@@ -1,0 +1,115 @@
+"""The plant against equations (11) and (14), written out again for one car."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import zoac  # noqa: F401 (registers the environments)
+from zoac.tasks.pid_acc import PidAccLanes
+from zoac.tasks.pid_acc.plant import demonstration_profile, make_single
+
+A = np.array([[0, 1, -2.5], [0, 0, -1], [0, 0, -1 / 0.45]])
+B = np.array([0, 0, 1 / 0.45])
+D = np.array([0, 1, 0])
+
+
+def independent_episode(w, increments, jerk_weight):
+    """Forward Euler in matrix form; returns observations, costs, and whether it terminated."""
+    x, older, oldest, u = np.zeros(3), np.zeros(3), np.zeros(3), 0.0
+    observations, costs = [], []
+    for w_t, du in zip(w, increments, strict=False):
+        u_next = np.clip(u + np.clip(du, -1.5, 0.6), -1.5, 0.6)
+        x_next = x + 0.1 * (A @ x + B * u_next + D * w_t)
+        x, older, oldest = x_next, x, older
+        dd, dv, af = x
+        r = 0.1 * dv**2 + 0.06 * dd**2 + u_next**2 + jerk_weight * (u_next - u) ** 2
+        r += 0.5 * (0.25 * dv + 0.02 * dd - af) ** 2
+        u = u_next
+        over = abs(dd) > 5 or abs(dv) > 1
+        observations.append([*x, *older, *oldest, u])
+        costs.append(r + 1000 * over)
+        if over:
+            return np.array(observations), np.array(costs), True
+    return np.array(observations), np.array(costs), False
+
+
+@pytest.mark.parametrize(("jerk", "weight"), [("rate", 0.1 / 0.1**2), ("increment", 0.1)])
+@pytest.mark.parametrize("scale", [0.02, 3.0])
+def test_steps_and_costs_match_an_independent_simulation(jerk, weight, scale):
+    lanes = PidAccLanes(num_envs=4, jerk=jerk)
+    lanes.reset(seed=3)
+    rng = np.random.default_rng(0)
+    increments = rng.normal(0, scale, (200, 4, 1))
+    w = lanes.arrays["preceding"].copy()
+    expected = [independent_episode(w[i], increments[:, i, 0], weight) for i in range(4)]
+    over = np.zeros(4, dtype=bool)
+    for t in range(200):
+        observations, rewards, terminated, _, infos = lanes.step(increments[t], ~over)
+        for lane in np.flatnonzero(~over):
+            states, costs, ends = expected[lane]
+            np.testing.assert_allclose(observations[lane], states[t], atol=1e-12)
+            assert infos["cost"][lane] == pytest.approx(costs[t], abs=1e-12)
+            assert rewards[lane] == -infos["cost"][lane]
+            assert terminated[lane] == (ends and t == len(costs) - 1)
+        over |= terminated
+
+
+def test_an_episode_is_cut_at_1000_steps():
+    lanes = PidAccLanes(num_envs=1, preceding_std=0.0)
+    lanes.reset(seed=0)
+    ends = [lanes.step(np.zeros((1, 1)))[3][0] for _ in range(1000)]
+    assert ends == [False] * 999 + [True]
+
+
+def test_preceding_car_holds_its_acceleration_for_3_seconds_and_stays_in_bounds():
+    lanes = PidAccLanes(num_envs=50, preceding_std=0.5)
+    lanes.reset(seed=0)
+    blocks = lanes.arrays["preceding"].reshape(50, -1, 30)
+    assert (blocks == blocks[:, :, :1]).all()
+    assert blocks.min() == -1.5
+    assert blocks.max() == 0.6
+
+
+def test_005_is_the_standard_deviation():
+    lanes = PidAccLanes(num_envs=200)
+    lanes.reset(seed=0)
+    draws = lanes.arrays["preceding"][:, ::30]
+    assert draws.std() == pytest.approx(0.05, rel=0.03)
+
+
+def test_demonstration_profile_is_that_of_figure_5():
+    profile = demonstration_profile(1000)
+    changes = [0, *(np.flatnonzero(np.diff(profile)) + 1)]
+    assert [(int(t), float(profile[t])) for t in changes] == [
+        (0, 0.05), (91, 0.15), (121, -0.10), (151, 0.0), (181, -0.20), (211, 0.15),
+        (241, 0.05), (271, 0.0),
+    ]  # fmt: skip
+
+
+def test_demonstration_is_an_option_of_reset():
+    env = make_single()
+    env.reset(options={"demonstration": True})
+    assert np.array_equal(env.lanes.arrays["preceding"][0], demonstration_profile(1020))
+
+
+def test_gymnasiums_checker_is_content():
+    check_env(gymnasium.make("zoac/PidAcc-v0").unwrapped, skip_render_check=True)
+
+
+def test_make_vec_gives_the_vectorised_plant():
+    lanes = gymnasium.make_vec("zoac/PidAcc-v0", num_envs=3)
+    assert isinstance(lanes.unwrapped, PidAccLanes)
+    assert lanes.num_envs == 3
+
+
+def test_the_single_environment_is_one_lane_of_the_vectorised_one():
+    single, lanes = gymnasium.make("zoac/PidAcc-v0"), PidAccLanes(num_envs=2)
+    single.reset(seed=8)
+    lanes.reset(seed=[5, 8])
+    for _ in range(5):
+        one = single.step(np.array([0.1]))
+        all_ = lanes.step(np.full((2, 1), 0.1))
+        assert np.array_equal(one[0], all_[0][1])
+        assert one[1] == all_[1][1]
+        assert one[4]["cost"] == all_[4]["cost"][1]

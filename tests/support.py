@@ -1,0 +1,90 @@
+"""A small environment and task whose every number can be worked out by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from zoac.environment import LaneEnv
+from zoac.parameters import Parameter, ParameterSpace
+from zoac.rollout import LaneGroup, Proposal, Segment
+from zoac.seeding import stream_seed
+from zoac.task import Metric, Task
+
+
+class CountingLanes(LaneEnv):
+    """Observation: (episode number of the lane, step, the episode's random number).
+
+    Cost: the action plus the random number. Terminates after `ends_after` steps, if given.
+    """
+
+    def __init__(self, n: int, max_episode_steps: int, ends_after: int | None) -> None:
+        box = Box(-np.inf, np.inf, (3,), np.float64)
+        super().__init__(n, box, Box(-np.inf, np.inf, (1,), np.float64), max_episode_steps)
+        self._ends_after = ends_after
+        self.arrays = {"x": np.zeros((n, 3))}
+
+    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
+        x = self.arrays["x"][lane]
+        x[:] = x[0] + 1, 0, rng.normal()
+
+    def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x = self.arrays["x"]
+        x[:, 1] += 1
+        ended = np.full(self.num_envs, False)
+        if self._ends_after is not None:
+            ended = x[:, 1] >= self._ends_after
+        return actions[:, 0] + x[:, 2], ended
+
+    def _observe(self) -> np.ndarray:
+        return self.arrays["x"].copy()
+
+
+class EchoController:
+    """Acts with parameter `a`; remembers how often it has acted in this episode."""
+
+    def init(self, n: int) -> dict[str, np.ndarray]:
+        return {"count": np.zeros(n)}
+
+    def act(self, params: Any, obs: np.ndarray, memory: Any) -> Any:
+        count = memory["count"] + 1
+        return params["a"][:, None].copy(), {"count": count}, {"count": count, "a": params["a"]}
+
+
+class CountingTask(Task):
+    """Parameters a and b in [0, 10]; b does nothing."""
+
+    space = ParameterSpace([Parameter("a", 0.0, 10.0), Parameter("b", 0.0, 10.0)])
+    metrics = (Metric("mean_a", lambda s: s.diagnostics["a"]),)
+    nominal = {"a": 1.0, "b": 2.0}
+
+    def __init__(self, max_episode_steps: int = 7, ends_after: int | None = None) -> None:
+        self._options = (max_episode_steps, ends_after)
+
+    def make_env(self, n: int) -> CountingLanes:
+        return CountingLanes(n, *self._options)
+
+    def make_controller(self) -> EchoController:
+        return EchoController()
+
+
+def lane_group(task: Task, lanes: list[int], seed: int = 0) -> LaneGroup:
+    return LaneGroup(task, lanes, [stream_seed(seed, "lane", lane) for lane in lanes])
+
+
+def same_segment(one: Segment, other: Segment) -> bool:
+    """Tell whether two segments are equal to the last bit."""
+    return (
+        np.array_equal(one.observations, other.observations)
+        and np.array_equal(one.actions, other.actions)
+        and np.array_equal(one.costs, other.costs)
+        and (one.terminated, one.truncated) == (other.terminated, other.truncated)
+        and all(np.array_equal(v, other.diagnostics[k]) for k, v in one.diagnostics.items())
+    )
+
+
+def proposal(lane: int, a: float = 5.0, **kind: Any) -> Proposal:
+    """A proposal for `CountingTask` with parameter a in physical units."""
+    return Proposal(z=np.array([a / 5.0 - 1.0, 0.0]), lane=lane, **kind)

@@ -1,0 +1,1 @@
+"""The tuning algorithm of the paper, equation by equation."""

@@ -1,0 +1,197 @@
+"""The critic V_w(s): a tanh network fitted to value targets (eq. 8).
+
+Tens of thousands of minibatch steps on a small network are most of the time of a tuning run, so
+the gradient is written out for this one architecture instead of traced by autograd, and all
+weights live in one flat tensor that Adam updates in a single call.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import torch
+
+_CHUNK = 4096
+
+# The number of threads changes the order of sums and so the bits; one is also the fastest for
+# matrices this small when several runs share the machine.
+torch.set_num_threads(1)
+
+
+class Critic:
+    """V_w(s): observation -> tanh layers -> one number, in float32.
+
+    Initialised orthogonally: gain 5/3 in the hidden layers, 1 in the last, biases 0.
+    """
+
+    def __init__(
+        self,
+        observation_size: int,
+        hidden: Sequence[int],
+        learning_rate: float,
+        epochs: int,
+        minibatch: int,
+        rng: np.random.Generator,
+        normalise_observations: bool = False,
+        target_scale: float = 1.0,
+    ) -> None:
+        """
+        Args:
+            observation_size: Length o of an observation.
+            hidden: Widths of the hidden layers.
+            learning_rate: Adam's step size.
+            epochs: M, passes over an iteration's states.
+            minibatch: L, states per gradient step.
+            rng: Stream for initial weights and minibatches.
+            normalise_observations: Shift and scale observations by running statistics.
+            target_scale: Factor on the targets inside the network, for costs far from 1.
+        """
+        self._rng = rng
+        self._epochs = epochs
+        self._minibatch = minibatch
+        self._target_scale = target_scale
+        self._statistics = RunningStatistics(observation_size) if normalise_observations else None
+        sizes = [observation_size, *hidden, 1]
+        shapes = [s for i, o in pairwise(sizes) for s in ((o, i), (o,))]
+        count = sum(math.prod(shape) for shape in shapes)
+        self._weights = torch.zeros(count)
+        self._gradient = torch.zeros(count)
+        self._weights.grad = self._gradient
+        views = _views(self._weights, shapes)
+        self._matrices, self._biases = views[::2], views[1::2]
+        views = _views(self._gradient, shapes)
+        self._matrix_gradients, self._bias_gradients = views[::2], views[1::2]
+        generator = torch.Generator().manual_seed(int(rng.integers(2**63)))
+        for matrix in self._matrices:
+            gain = 1.0 if matrix is self._matrices[-1] else 5 / 3
+            torch.nn.init.orthogonal_(matrix, gain=gain, generator=generator)
+        self._adam = torch.optim.Adam(
+            [self._weights], lr=learning_rate, betas=(0.9, 0.999), fused=True
+        )
+
+    @torch.no_grad()
+    def values(self, observations: np.ndarray) -> np.ndarray:
+        """Return V_w of observations (B, o), shape (B,), float64."""
+        inputs = self._inputs(observations)
+        # Slices of bounded size: fast in cache, and bits that do not depend on B's neighbours.
+        parts = [self._forward(part)[-1] for part in inputs.split(_CHUNK)]
+        return torch.cat(parts).double().numpy() / self._target_scale
+
+    @torch.no_grad()
+    def fit(self, observations: np.ndarray, targets: np.ndarray) -> float:
+        """Minimise eq. (8) by M epochs of minibatch steps; return the mean loss of the last.
+
+        Args:
+            observations: States (B, o).
+            targets: Value targets (B,).
+        """
+        inputs = self._inputs(observations)
+        scaled = torch.from_numpy((targets * self._target_scale).astype(np.float32))
+        loss = torch.zeros(())
+        for _ in range(self._epochs):
+            order = torch.from_numpy(self._rng.permutation(len(inputs)))
+            loss.zero_()
+            for batch in order.split(self._minibatch):
+                loss += self._step(inputs[batch], scaled[batch]) * len(batch)
+        return float(loss) / len(inputs) / self._target_scale**2
+
+    def learn_scale(self, observations: np.ndarray) -> None:
+        """Take observations (B, o) into the running statistics, if they are in use."""
+        if self._statistics is not None:
+            self._statistics.update(observations)
+
+    def _inputs(self, observations: np.ndarray) -> torch.Tensor:
+        if self._statistics is not None:
+            observations = self._statistics.normalised(observations)
+        return torch.from_numpy(observations.astype(np.float32))
+
+    def _forward(self, inputs: torch.Tensor) -> list[torch.Tensor]:
+        """Return the activations of every layer: inputs, hidden ones, values (B,)."""
+        activations = [inputs]
+        for matrix, bias in zip(self._matrices[:-1], self._biases[:-1], strict=True):
+            activations.append(torch.addmm(bias, activations[-1], matrix.t()).tanh_())
+        activations.append(torch.mv(activations[-1], self._matrices[-1][0]).add_(self._biases[-1]))
+        return activations
+
+    def _step(self, inputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
+        """One Adam step on the mean of 0.5 (V - G)^2; return that loss before the step."""
+        *activations, values = self._forward(inputs)
+        error = values.sub_(targets)
+        loss = 0.5 * error.dot(error) / len(error)
+        error = error / len(error)
+        torch.mv(activations[-1].t(), error, out=self._matrix_gradients[-1][0])
+        torch.sum(error, 0, keepdim=True, out=self._bias_gradients[-1])
+        flow = torch.outer(error, self._matrices[-1][0])
+        for layer in range(len(activations) - 2, -1, -1):
+            output = activations[layer + 1]
+            flow.mul_(output.square_().neg_().add_(1.0))  # tanh' = 1 - tanh^2
+            torch.mm(flow.t(), activations[layer], out=self._matrix_gradients[layer])
+            torch.sum(flow, 0, out=self._bias_gradients[layer])
+            if layer > 0:
+                flow = flow @ self._matrices[layer]
+        self._adam.step()
+        return loss
+
+    def state(self) -> dict[str, Any]:
+        """Return a picklable copy: weights, Adam's moments, random stream, statistics."""
+        adam = self._adam.state[self._weights]
+        return {
+            "weights": self._weights.numpy().copy(),
+            "adam": {name: value.numpy().copy() for name, value in adam.items()},
+            "rng": self._rng.bit_generator.state,
+            "statistics": None if self._statistics is None else self._statistics.state(),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Put back what `state` returned."""
+        self._weights.copy_(torch.from_numpy(state["weights"]))
+        self._adam.state[self._weights] = {
+            name: torch.from_numpy(np.array(value)) for name, value in state["adam"].items()
+        }
+        self._rng.bit_generator.state = state["rng"]
+        if self._statistics is not None:
+            self._statistics.restore(state["statistics"])
+
+
+class RunningStatistics:
+    """Mean and variance of all observations so far (Chan et al.'s parallel update)."""
+
+    def __init__(self, size: int) -> None:
+        self._count = 0
+        self._mean = np.zeros(size)
+        self._squares = np.zeros(size)  # sum of squared deviations from the mean
+
+    def update(self, observations: np.ndarray) -> None:
+        """Take in observations (B, o)."""
+        count = len(observations)
+        mean = observations.mean(axis=0)
+        total = self._count + count
+        shift = mean - self._mean
+        self._squares += ((observations - mean) ** 2).sum(axis=0)
+        self._squares += shift**2 * self._count * count / total
+        self._mean = self._mean + shift * count / total
+        self._count = total
+
+    def normalised(self, observations: np.ndarray) -> np.ndarray:
+        """Return observations (B, o) at mean 0 and standard deviation 1, clipped at 10."""
+        if self._count == 0:
+            return observations
+        deviation = np.sqrt(self._squares / self._count) + 1e-8
+        return np.clip((observations - self._mean) / deviation, -10.0, 10.0)
+
+    def state(self) -> tuple[int, np.ndarray, np.ndarray]:
+        """Return a copy of count, mean and sum of squares."""
+        return self._count, self._mean.copy(), self._squares.copy()
+
+    def restore(self, state: tuple[int, np.ndarray, np.ndarray]) -> None:
+        """Put back what `state` returned."""
+        self._count, self._mean, self._squares = state[0], state[1].copy(), state[2].copy()
+
+
+def _views(flat: torch.Tensor, shapes: Sequence[tuple[int, ...]]) -> list[torch.Tensor]:
+    parts = flat.split([math.prod(shape) for shape in shapes])
+    return [part.view(shape) for part, shape in zip(parts, shapes, strict=True)]

@@ -1,0 +1,203 @@
+"""Zeroth-order actor-critic: Algorithm 1 of the paper, with the values of its Table III.
+
+Each iteration, n lanes run H segments of N steps under perturbed parameters; a critic turns them
+into advantages; the parameters follow the zeroth-order gradient.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from zoac.algorithm.adam import Adam
+from zoac.algorithm.advantage import estimate
+from zoac.algorithm.critic import Critic
+from zoac.algorithm.gradient import standardised, zeroth_order_gradient
+from zoac.rollout import Proposal, Segment
+from zoac.tuner import Problem, Tuner
+
+Positive = Annotated[float, Field(gt=0)]
+Count = Annotated[int, Field(ge=1)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+class Zoac(Tuner):
+    """The paper's method."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        segment_length: Count,
+        segments: Count,
+        sigma: Positive,
+        step_size: Positive,
+        step_size_end: Positive,
+        step_size_slope: Annotated[float, Field(ge=0)],
+        anneal: bool = True,
+        gamma: Fraction = 0.99,
+        lam: Fraction = 0.95,
+        hidden: Sequence[Count] = (256, 256),
+        critic_step_size: Positive = 5e-4,
+        epochs: Count = 10,
+        minibatch: Count = 128,
+        standardise_advantages: bool = True,
+        normalise_observations: bool = False,
+        critic_target_scale: Positive = 1.0,
+        project: bool = True,
+        mirrored: bool = False,
+        recommend: Literal["last", "average"] = "last",
+        average_decay: Fraction = 0.97,
+    ) -> None:
+        """
+        Args:
+            problem: What is tuned.
+            segment_length: N, steps that a perturbation is held.
+            segments: H, segments per lane and iteration ("train frequency").
+            sigma: Standard deviation of the perturbation in the mapped box.
+            step_size: Step size of the first iteration.
+            step_size_end: Step size at which annealing stops.
+            step_size_slope: Decrease of the step size per iteration.
+            anneal: False keeps the first step size (the authors' code).
+            gamma: Discount factor.
+            lam: lambda of generalised advantage estimation.
+            hidden: Widths of the critic's hidden layers.
+            critic_step_size: alpha_critic.
+            epochs: M, passes of the critic over an iteration's states.
+            minibatch: L.
+            standardise_advantages: Mean 0 and deviation 1 over an iteration's segments.
+            normalise_observations: For the critic, by running statistics.
+            critic_target_scale: Factor on the critic's targets.
+            project: Keep theta_m in Theta_m = [-1, 1]^d, as Algorithm 1 states it; False clips
+                only where parameters are mapped, so that an iterate can wander outside, where
+                perturbations change nothing and nothing draws it back.
+            mirrored: Lanes 2i and 2i + 1 use opposite perturbations.
+            recommend: The last iterate, or an exponential average of the iterates.
+            average_decay: Decay of that average per iteration.
+        """
+        self._problem = problem
+        self._length, self._segments = segment_length, segments
+        self._sigma = sigma
+        self._step_sizes = (step_size, step_size_end, step_size_slope if anneal else 0.0)
+        self._gamma, self._lam = gamma, lam
+        self._standardise, self._mirrored = standardise_advantages, mirrored
+        self._project = project
+        self._recommend, self._decay = recommend, average_decay
+        self._rng = problem.rng("tuner")
+        self._critic = Critic(
+            observation_size=problem.observation_size,
+            hidden=hidden,
+            learning_rate=critic_step_size,
+            epochs=epochs,
+            minibatch=minibatch,
+            rng=problem.rng("critic"),
+            normalise_observations=normalise_observations,
+            target_scale=critic_target_scale,
+        )
+        dimension = problem.space.dimension
+        self._theta = self._rng.uniform(-1.0, 1.0, dimension)  # theta_m
+        self._average = self._theta.copy()
+        self._adam = Adam(dimension)
+        self._iteration = 0
+        self._worst_cost = 0.0
+        self._directions = np.empty((0, dimension))
+
+    def ask(self) -> list[Proposal]:
+        """Return n H segments around theta_m (Algorithm 1, lines 3 to 6)."""
+        lanes = self._problem.lanes
+        shape = (self._segments, lanes, self._problem.space.dimension)
+        epsilon = self._rng.standard_normal(shape)
+        if self._mirrored:
+            half = lanes // 2
+            epsilon[:, 1 : 2 * half : 2] = -epsilon[:, 0 : 2 * half : 2]
+        self._directions = epsilon.reshape(-1, shape[-1])
+        return [
+            Proposal(z=self._theta + self._sigma * epsilon[j, i], lane=i, horizon=self._length)
+            for j in range(self._segments)
+            for i in range(lanes)
+        ]
+
+    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """Update critic and parameters (Algorithm 1, lines 7 to 13)."""
+        segments = self._finite(segments)
+        everything = np.concatenate([s.observations for s in segments])
+        # Advantages come from the critic as it was before this iteration's update.
+        values = self._critic.values(everything)
+        ends = np.cumsum([len(s.observations) for s in segments])[:-1]
+        advantages, targets = estimate(segments, np.split(values, ends), self._gamma, self._lam)
+        states = np.concatenate([s.observations[:-1] for s in segments])
+        self._critic.learn_scale(states)
+        loss = self._critic.fit(states, np.concatenate(targets))
+        used = standardised(advantages) if self._standardise else advantages
+        gradient = zeroth_order_gradient(used, self._directions, self._sigma)  # eq. (10)
+        step_size = self.step_size
+        self._theta = self._theta - self._adam.step(gradient, step_size)
+        if self._project:
+            self._theta = self._problem.space.clip(self._theta)
+        self._average = self._decay * self._average + (1 - self._decay) * self._theta
+        self._iteration += 1
+        return {
+            "critic_loss": loss,
+            "advantage_mean": float(advantages.mean()),
+            "advantage_std": float(advantages.std()),
+            "gradient_norm": float(np.linalg.norm(gradient)),
+            "step_size": step_size,
+            "value_mean": float(values.mean()),
+        }
+
+    def _finite(self, segments: Sequence[Segment]) -> list[Segment]:
+        """Replace costs that are not finite by the worst finite one so far."""
+        costs = np.concatenate([s.costs for s in segments])
+        worst = np.max(costs, where=np.isfinite(costs), initial=self._worst_cost)
+        self._worst_cost = float(worst)
+        if np.isfinite(costs).all():
+            return list(segments)
+        return [s.with_costs(np.where(np.isfinite(s.costs), s.costs, worst)) for s in segments]
+
+    @property
+    def step_size(self) -> float:
+        """Annealed linearly, then held."""
+        first, last, slope = self._step_sizes
+        return max(min(first, last), first - slope * self._iteration)
+
+    def recommend(self) -> np.ndarray:
+        """Return the last iterate, or the average, inside the mapped box."""
+        chosen = self._theta if self._recommend == "last" else self._average
+        return self._problem.space.clip(chosen)
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that lasts between iterations."""
+        return {
+            "rng": self._rng.bit_generator.state,
+            "critic": self._critic.state(),
+            "theta": self._theta.copy(),
+            "average": self._average.copy(),
+            "adam": self._adam.state(),
+            "iteration": self._iteration,
+            "worst_cost": self._worst_cost,
+            "directions": self._directions.copy(),
+        }
+
+    def restore(self, state: Any) -> None:
+        """Put back what `state` returned."""
+        self._rng.bit_generator.state = state["rng"]
+        self._critic.restore(state["critic"])
+        self._theta, self._average = state["theta"].copy(), state["average"].copy()
+        self._adam.restore(state["adam"])
+        self._iteration = state["iteration"]
+        self._worst_cost = state["worst_cost"]
+        self._directions = state["directions"].copy()
+
+    def describe(self) -> dict[str, Any]:
+        """Return the choices that a comparison must show."""
+        return {
+            "start": "uniform in the mapped box, from the seed",
+            "noise_model": f"advantages from a critic; perturbation {self._sigma:g}",
+            "recommendation": {
+                "last": "last iterate",
+                "average": f"exponential average of the iterates, decay {self._decay:g}",
+            }[self._recommend],
+        }

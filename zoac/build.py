@@ -1,0 +1,85 @@
+"""From a checked configuration to the objects of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from zoac.checks import TARGET, check_arguments, check_node, locate
+from zoac.executor import Executor
+from zoac.runlog import Sink
+from zoac.task import Task
+from zoac.trainer import Settings
+from zoac.tuner import Problem, Tuner
+
+# Notes for other parts of the configuration, not arguments of the task.
+NOTES = ("tuned_for",)
+
+
+def build(node: Mapping[str, Any], where: str, **provided: Any) -> Any:
+    """Check a config node against its `_target_` and call that, inner nodes first.
+
+    Raises:
+        ConfigError: Naming every fault of the node.
+    """
+    node = {k: v for k, v in node.items() if k not in NOTES}
+    check_node(node, where, provided=tuple(provided))
+    return _call(node, where, provided)
+
+
+def _call(node: Mapping[str, Any], where: str, provided: Mapping[str, Any]) -> Any:
+    arguments = {
+        name: _call(value, f"{where}.{name}", {})
+        if isinstance(value, Mapping) and TARGET in value
+        else value
+        for name, value in node.items()
+        if not name.startswith("_")
+    }
+    return locate(node[TARGET], where)(**arguments, **provided)
+
+
+def build_task(config: Mapping[str, Any]) -> Task:
+    """Return the task of a resolved configuration."""
+    return build(config["task"], "task")
+
+
+def build_settings(config: Mapping[str, Any]) -> Settings:
+    """Return the trainer's settings of a resolved configuration."""
+    evaluation = config["evaluation"]
+    top = {k: config[k] for k in ("seed", "budget", "lanes", "eval_every", "checkpoint_seconds")}
+    check_arguments(Settings, top, "")
+    inner = {
+        "episodes": evaluation["episodes"],
+        "final_episodes": evaluation["final_episodes"],
+        "evaluation_seed": evaluation["seed"],
+    }
+    check_arguments(Settings, inner, "evaluation")
+    return Settings(**top, **inner)
+
+
+def build_tuner(config: Mapping[str, Any], task: Task, settings: Settings) -> Tuner:
+    """Return the tuner of a resolved configuration, for `task`."""
+    env = task.make_env(1)
+    shape = env.single_observation_space.shape
+    assert shape is not None
+    problem = Problem(
+        space=task.space,
+        observation_size=shape[0],
+        lanes=settings.lanes,
+        budget=settings.budget,
+        max_episode_steps=env.max_episode_steps,
+        seed=settings.seed,
+        nominal=None if task.nominal is None else task.space.unit(task.nominal),
+    )
+    env.close()
+    return build(config["tuner"], "tuner", problem=problem)
+
+
+def build_executor(config: Mapping[str, Any]) -> Executor:
+    """Return the executor of a resolved configuration, not yet started."""
+    return build(config["executor"], "executor")
+
+
+def build_sinks(config: Mapping[str, Any]) -> list[Sink]:
+    """Return the mirrors of a resolved configuration."""
+    return [build(node, f"logger[{i}]") for i, node in enumerate(config["logger"] or [])]

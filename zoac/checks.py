@@ -1,0 +1,124 @@
+"""Configuration values against the signature of what they configure.
+
+A constructor's type hints, with bounds as `Annotated[float, Field(gt=0)]`, are the schema of its
+YAML file: there is no second list to keep in step, and a user's own class is checked alike.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, get_type_hints
+
+from pydantic import ConfigDict, PydanticSchemaGenerationError, TypeAdapter, ValidationError
+
+from zoac.errors import ConfigError, suggest
+
+TARGET = "_target_"
+
+
+def locate(path: str, where: str) -> Callable[..., Any]:
+    """Return the class or function that a `_target_` names.
+
+    Raises:
+        ConfigError: If it cannot be imported or has no such name.
+    """
+    module_name, _, name = path.rpartition(".")
+    try:
+        module = importlib.import_module(module_name)
+    except ImportError as error:
+        raise ConfigError(f"{where}._target_: cannot import {path!r}: {error}") from error
+    except ValueError:
+        raise ConfigError(f"{where}._target_: expected a dotted path, got {path!r}") from None
+    if not hasattr(module, name):
+        names = [n for n, v in vars(module).items() if callable(v)]
+        raise ConfigError(f"{where}._target_: no {name!r} in {module_name}; {suggest(name, names)}")
+    return getattr(module, name)
+
+
+def check_node(node: Mapping[str, Any], where: str, provided: tuple[str, ...] = ()) -> None:
+    """Check a config node with a `_target_`, and those inside it.
+
+    Args:
+        node: The node, resolved, as plain Python.
+        where: Its name in the config, for messages.
+        provided: Arguments that the caller will add.
+
+    Raises:
+        ConfigError: Naming every fault at once.
+    """
+    if TARGET not in node:
+        raise ConfigError(f"{where}: there is no _target_, the class that this node configures")
+    for name, value in node.items():
+        if isinstance(value, Mapping) and TARGET in value:
+            check_node(value, f"{where}.{name}")
+    given = {k: v for k, v in node.items() if not k.startswith("_")}
+    check_arguments(locate(node[TARGET], where), given, where, provided)
+
+
+def check_arguments(
+    target: Callable[..., Any],
+    given: Mapping[str, Any],
+    where: str,
+    provided: tuple[str, ...] = (),
+) -> None:
+    """Check keyword arguments against the signature of `target`.
+
+    Raises:
+        ConfigError: If one is unknown, missing, of the wrong type or out of its bounds.
+    """
+    signature = inspect.signature(target)
+    accepted = {n: p for n, p in signature.parameters.items() if n not in provided}
+    open_ended = any(p.kind is p.VAR_KEYWORD for p in accepted.values())
+    hinted = target.__init__ if inspect.isclass(target) else target
+    hints = _hints(target) if _is_dataclass(target) else _hints(hinted)
+    faults = []
+    for name, value in given.items():
+        if name not in accepted:
+            if not open_ended:
+                faults.append(f"{where}: unknown key {name!r}; {suggest(name, accepted)}")
+        elif not (isinstance(value, Mapping) and TARGET in value):
+            key = f"{where}.{name}" if where else name
+            faults.extend(_faults(value, hints.get(name, Any), key))
+    needed = (
+        n
+        for n, p in accepted.items()
+        if p.default is p.empty and p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)
+    )
+    faults.extend(f"{where}.{name}: a value is needed" for name in needed if name not in given)
+    if faults:
+        raise ConfigError("\n".join(faults))
+
+
+def _is_dataclass(target: Any) -> bool:
+    return hasattr(target, "__dataclass_fields__")
+
+
+def _hints(target: Any) -> dict[str, Any]:
+    try:
+        return get_type_hints(target, include_extras=True)
+    except NameError:  # a hint imported for type checkers only: nothing to check against
+        return {}
+
+
+def _faults(value: Any, hint: Any, where: str) -> list[str]:
+    """Return what is wrong with `value` as a `hint`, one message each."""
+    if isinstance(value, float) and math.isnan(value):
+        return [f"{where}: NaN is not a value"]
+    try:
+        adapter = TypeAdapter(hint, config=ConfigDict(arbitrary_types_allowed=True))
+    except PydanticSchemaGenerationError:
+        return []
+    except Exception:  # types that bring their own configuration take none
+        adapter = TypeAdapter(hint)
+    try:
+        adapter.validate_python(value, strict=True)
+    except ValidationError as error:
+        return [
+            f"{where}{''.join(f'[{part}]' for part in e['loc'] if isinstance(part, int))}"
+            f"={e['input']!r}: {e['msg'][0].lower()}{e['msg'][1:]}"
+            for e in error.errors()
+        ]
+    return []

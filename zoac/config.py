@@ -1,0 +1,165 @@
+"""Composed configuration: its schema, its checks, and what is built from it.
+
+This module and `zoac.run` are the only ones that know Hydra.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from hydra import compose, initialize_config_module
+from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
+from hydra.errors import HydraException, OverrideParseException
+from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from zoac.errors import ConfigError, suggest
+from zoac.records import WITHOUT_EFFECT
+
+CONFIG_MODULE = "zoac.conf"
+GROUPS = ("task", "tuner", "executor", "mpc_solver", "fidelity", "logger", "experiment")
+
+# Overrides that say which run this is; `records.WITHOUT_EFFECT` cannot change its numbers.
+NOT_A_VARIANT = ("task", "tuner", "seed", "experiment")
+
+
+NOT_OF_THE_RUN = ("hydra", "experiment")
+
+
+class Resume(Enum):
+    """What to do when the run folder holds a run already."""
+
+    auto = "auto"
+    never = "never"
+    overwrite = "overwrite"
+
+
+@dataclass
+class EvaluationSchema:
+    """Types of `evaluation`."""
+
+    episodes: int = 10
+    final_episodes: int = 100
+    seed: int = 0
+
+
+@dataclass
+class RunSchema:
+    """Types of the top-level keys; groups are checked against what they configure."""
+
+    task: Any = MISSING
+    tuner: Any = MISSING
+    executor: Any = MISSING
+    mpc_solver: Any = MISSING
+    fidelity: Any = MISSING
+    logger: Any = MISSING
+    seed: int = 0
+    budget: int = 500_000
+    lanes: int = 10
+    eval_every: int = 10_000
+    evaluation: EvaluationSchema = field(default_factory=EvaluationSchema)
+    checkpoint_seconds: float = 30.0
+    runs_dir: str = "runs"
+    variant: str | None = None
+    resume: Resume = Resume.auto
+
+
+ConfigStore.instance().store(name="run_schema", node=RunSchema)
+
+
+def compose_config(overrides: Sequence[str]) -> DictConfig:
+    """Compose the configuration from Hydra overrides, as the command line does.
+
+    Raises:
+        ConfigError: If an override names nothing, or has a value of the wrong type.
+    """
+    try:
+        with _hydra():
+            return compose("run", overrides=list(overrides), return_hydra_config=True)
+    except (HydraException, OmegaConfBaseException) as error:
+        raise ConfigError(explain(error, overrides)) from error
+
+
+@contextmanager
+def _hydra() -> Iterator[GlobalHydra]:
+    """Yield Hydra ready to compose this package's configuration, whoever used it before."""
+    GlobalHydra.instance().clear()
+    with initialize_config_module(CONFIG_MODULE, version_base="1.3"):
+        yield GlobalHydra.instance()
+
+
+def explain(error: Exception, overrides: Sequence[str]) -> str:
+    """Return what Hydra complains about as one message, with the nearest valid choice."""
+    cause: BaseException = error
+    while cause.__cause__ is not None:
+        cause = cause.__cause__
+    lines = [line.strip() for e in (error, cause) for line in str(e).splitlines()]
+    text = "\n".join(dict.fromkeys(line for line in lines if line and not _internal(line)))
+    if isinstance(error, OverrideParseException):
+        return f"cannot read the override {error.override!r}: {text}; write key=value"
+    for override in overrides:
+        key, _, value = override.lstrip("+~").partition("=")
+        if f"override '{key}'" in text and "To append to your config" in text:
+            return f"unknown key {key!r} in {override!r}; {_siblings(key)}"
+        if key in GROUPS and f"Could not find '{key}/{value}'" in text:
+            return f"unknown {key} {value!r}; {suggest(value, _choices(key))}"
+    return text
+
+
+def _internal(line: str) -> bool:
+    return line.startswith(("full_key:", "object_type=", "reference_type=", "See https://"))
+
+
+def _siblings(key: str) -> str:
+    """Return the hint that lists what stands beside `key` in the default configuration."""
+    parent, _, name = key.rpartition(".")
+    try:
+        with _hydra():
+            node = OmegaConf.select(compose("run"), parent) if parent else compose("run")
+    except HydraException:
+        return "see --help"
+    known = list(node) if isinstance(node, DictConfig) else []
+    prefix = f"{parent}." if parent else ""
+    return suggest(prefix + name, [f"{prefix}{k}" for k in known if not str(k).startswith("_")])
+
+
+def _choices(group: str) -> list[str]:
+    """Return the names of the YAML files of a config group, wherever Hydra finds them."""
+    with _hydra() as hydra:
+        return hydra.config_loader().get_group_options(group)
+
+
+def resolved(config: DictConfig) -> dict[str, Any]:
+    """Return the configuration as plain Python, interpolations resolved, without Hydra's own part.
+
+    Raises:
+        ConfigError: If a value is missing or an interpolation leads nowhere.
+    """
+    try:
+        plain = OmegaConf.to_container(
+            OmegaConf.masked_copy(config, [k for k in map(str, config) if k not in NOT_OF_THE_RUN]),
+            resolve=True,
+            throw_on_missing=True,
+            enum_to_str=True,
+        )
+    except OmegaConfBaseException as error:
+        raise ConfigError(explain(error, [])) from error
+    assert isinstance(plain, dict)
+    return {str(key): value for key, value in plain.items()}
+
+
+def variant_of(config: Mapping[str, Any], overrides: Sequence[str]) -> str | None:
+    """Return the run's variant: as given, or what the overrides change beyond its identity."""
+    if config["variant"] is not None:
+        return str(config["variant"])
+    named = []
+    for override in sorted(overrides):
+        key = override.lstrip("+~").partition("=")[0].partition("@")[0]
+        if key not in NOT_A_VARIANT and key.partition(".")[0] not in WITHOUT_EFFECT:
+            named.append(override.lstrip("+~"))
+    return ",".join(named).replace("/", "-") or None

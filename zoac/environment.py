@@ -1,0 +1,203 @@
+"""Environments stepped as lanes: the base class of the built-in, vectorised environments.
+
+A lane owns its state (rows of arrays) and its random stream, so it can be saved, put back, and
+moved to another process without touching its neighbours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+LaneState = dict[str, Any]
+
+
+class LaneEnv(VectorEnv):
+    """A `gymnasium.vector.VectorEnv` whose lanes can be masked, saved and restored.
+
+    A subclass keeps everything that lasts in `self.arrays` (name -> array with one row per
+    lane), fills a lane's rows in `_start` and advances all rows in `_advance`. It must draw
+    random numbers in `_start` only, and compute each lane from that lane's rows alone: so the
+    same lane gives the same bits in any batch.
+
+    Autoreset is disabled: a finished lane is reset by the caller through
+    `reset(options={"reset_mask": ...})`.
+    """
+
+    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.DISABLED, "render_modes": []}
+
+    def __init__(
+        self,
+        num_envs: int,
+        observation_space: gymnasium.spaces.Box,
+        action_space: gymnasium.spaces.Box,
+        max_episode_steps: int,
+        render_mode: str | None = None,
+    ) -> None:
+        self.num_envs = num_envs
+        self.single_observation_space = observation_space
+        self.single_action_space = action_space
+        self.observation_space = batch_space(observation_space, num_envs)
+        self.action_space = batch_space(action_space, num_envs)
+        self.max_episode_steps = max_episode_steps
+        self.render_mode = render_mode
+        self.arrays: dict[str, np.ndarray] = {}
+        self._steps = np.zeros(num_envs, dtype=np.int64)
+        self._generators: list[np.random.Generator | None] = [None] * num_envs
+
+    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
+        """Begin an episode in `lane`, drawing from `rng`; all of the episode's randomness."""
+        raise NotImplementedError
+
+    def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Advance every lane by `actions` (n, m); return cost (n,) and terminated (n,)."""
+        raise NotImplementedError
+
+    def _observe(self) -> np.ndarray:
+        """Return a new array (n, o) of observations."""
+        raise NotImplementedError
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin new episodes.
+
+        Args:
+            seed: One seed per lane; or one number, to which the lane's index is added; a lane
+                whose seed is None goes on with its random stream.
+            options: `reset_mask` (n,) bool: which lanes to reset, all by default;
+                `demonstration` bool: begin the task's fixed demonstration episode.
+
+        Returns:
+            Observations (n, o), and infos.
+        """
+        options = options or {}
+        mask = options.get("reset_mask")
+        demonstration = bool(options.get("demonstration", False))
+        seeds: Sequence[int | None]
+        if seed is None:
+            seeds = [None] * self.num_envs
+        elif isinstance(seed, (int, np.integer)):
+            seeds = [int(seed) + lane for lane in range(self.num_envs)]
+        else:
+            seeds = seed
+        lanes = range(self.num_envs) if mask is None else np.flatnonzero(mask).tolist()
+        for lane in lanes:
+            rng = self._generators[lane]
+            lane_seed = seeds[lane]
+            if lane_seed is not None or rng is None:
+                rng = np.random.Generator(np.random.PCG64(lane_seed))
+                self._generators[lane] = rng
+            self._steps[lane] = 0
+            self._start(lane, rng, demonstration)
+        return self._observe(), {}
+
+    def step(
+        self, actions: np.ndarray, mask: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Advance the lanes, or only those where `mask` (n,) holds; the others stand still.
+
+        Returns:
+            Observations (n, o), rewards (n,) = -cost, terminated (n,), truncated (n,), and
+            infos with `cost` (n,). A lane that stood still reports cost 0 and no end.
+        """
+        if mask is None:
+            cost, terminated = self._advance(actions)
+            self._steps += 1
+        else:
+            still = ~mask
+            before = {name: array[still] for name, array in self.arrays.items()}
+            cost, terminated = self._advance(np.where(mask[:, None], actions, 0.0))
+            for name, array in self.arrays.items():
+                array[still] = before[name]
+            cost[still] = 0.0
+            terminated[still] = False
+            self._steps += mask
+        truncated = (self._steps >= self.max_episode_steps) & ~terminated
+        if mask is not None:
+            truncated &= mask
+        return self._observe(), -cost, terminated, truncated, {"cost": cost}
+
+    def state(self, lanes: Sequence[int] | np.ndarray) -> LaneState:
+        """Return a copy of all that `lanes` hold, random streams included."""
+        lanes = np.asarray(lanes)
+        return {
+            "arrays": {name: array[lanes].copy() for name, array in self.arrays.items()},
+            "steps": self._steps[lanes].copy(),
+            "generators": [
+                None if rng is None else rng.bit_generator.state
+                for rng in (self._generators[lane] for lane in lanes)
+            ],
+        }
+
+    def restore(self, lanes: Sequence[int] | np.ndarray, state: LaneState) -> np.ndarray:
+        """Put `state` back into `lanes`; return the observations (n, o) of all lanes."""
+        lanes = np.asarray(lanes)
+        for name, rows in state["arrays"].items():
+            self.arrays[name][lanes] = rows
+        self._steps[lanes] = state["steps"]
+        for lane, rng_state in zip(lanes, state["generators"], strict=True):
+            if rng_state is None:
+                self._generators[lane] = None
+                continue
+            generator = np.random.Generator(np.random.PCG64())
+            generator.bit_generator.state = rng_state
+            self._generators[lane] = generator
+        return self._observe()
+
+
+class SingleLane(gymnasium.Env[np.ndarray, np.ndarray]):
+    """One lane of a `LaneEnv` as a plain `gymnasium.Env`: the same plant, the same numbers."""
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
+
+    def __init__(self, lanes: LaneEnv) -> None:
+        """
+        Args:
+            lanes: A vectorised environment with one lane, which this object then owns.
+        """
+        self.lanes = lanes
+        self.observation_space = lanes.single_observation_space
+        self.action_space = lanes.single_action_space
+        self.render_mode = lanes.render_mode
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode; see `LaneEnv.reset`."""
+        super().reset(seed=seed)
+        observations, _ = self.lanes.reset(seed=None if seed is None else [seed], options=options)
+        return observations[0], {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Advance by one step; `info["cost"]` carries the cost, the reward is its negative."""
+        observations, rewards, terminated, truncated, infos = self.lanes.step(
+            np.asarray(action, dtype=np.float64)[None]
+        )
+        info = {"cost": float(infos["cost"][0])}
+        return (
+            observations[0],
+            float(rewards[0]),
+            bool(terminated[0]),
+            bool(truncated[0]),
+            info,
+        )
+
+    def render(self) -> Any:
+        """Return the lane's picture (height, width, 3) uint8, if made with `rgb_array`."""
+        if self.render_mode is None:
+            return None
+        frames = self.lanes.render()
+        return None if frames is None else frames[0]
+
+    def close(self) -> None:
+        """Release what the environment holds."""
+        self.lanes.close()

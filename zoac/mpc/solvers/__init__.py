@@ -1,0 +1,1 @@
+"""Solvers of the linearised optimal control problem; each file is one."""

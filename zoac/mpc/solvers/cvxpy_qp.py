@@ -1,0 +1,76 @@
+"""CVXPY's own `problem.solve()`: the plain reference that faster paths are tested against."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Annotated, Any
+
+import cvxpy as cp
+import numpy as np
+from pydantic import Field
+
+from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
+from zoac.mpc.solvers.statement import Layout, Statement, parameter_values, state_problem
+
+_STATUS = {
+    cp.OPTIMAL: Status.SOLVED,
+    cp.OPTIMAL_INACCURATE: Status.INACCURATE,
+    cp.USER_LIMIT: Status.ITERATION_LIMIT,
+}
+
+
+class CvxpySolver:
+    """The stated problem, solved by CVXPY with Clarabel, built once and given new numbers.
+
+    Args:
+        tolerance: On the duality gap and the residuals.
+        max_iterations: Limit on interior-point iterations.
+    """
+
+    def __init__(
+        self,
+        tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-10,
+        max_iterations: Annotated[int, Field(ge=1)] = 200,
+    ) -> None:
+        self.tolerance = tolerance
+        self.max_iterations = max_iterations
+        self._statements: dict[Layout, Statement] = {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A compiled CVXPY problem is large; the copy compiles its own.
+        return type(self), (self.tolerance, self.max_iterations)
+
+    def solve(self, problem: LinearisedProblem, careful: bool = False) -> Solution:
+        """Solve the n problems; see `Solver`. A careful solve allows ten times the iterations."""
+        layout = Layout.of(problem)
+        if layout not in self._statements:
+            self._statements[layout] = state_problem(layout)
+        statement = self._statements[layout]
+        inputs = np.zeros_like(problem.inputs)
+        status = np.empty(len(inputs), dtype=np.int8)
+        iterations = np.zeros(len(inputs), dtype=np.int64)
+        numbers = zip(*parameter_values(problem, layout), strict=True)
+        for lane, (dynamics, weights) in enumerate(numbers):
+            statement.dynamics.value = dynamics
+            statement.weights.value = weights
+            status[lane] = self._solve_one(statement.problem, careful)
+            if status[lane] != Status.NUMERICAL_FAILURE:
+                inputs[lane] = statement.inputs.value
+                iterations[lane] = statement.problem.solver_stats.num_iters
+        np.clip(inputs, problem.input_low, problem.input_high, out=inputs)
+        return Solution(inputs, status, iterations)
+
+    def _solve_one(self, problem: cp.Problem, careful: bool) -> Status:
+        tolerances = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), self.tolerance)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the status says it
+            try:
+                problem.solve(
+                    solver=cp.CLARABEL,
+                    warm_start=False,  # would keep the solver, and with it the last problem's scaling
+                    max_iter=self.max_iterations * (10 if careful else 1),
+                    **tolerances,
+                )
+            except cp.SolverError:
+                return Status.NUMERICAL_FAILURE
+        return _STATUS.get(problem.status, Status.NUMERICAL_FAILURE)

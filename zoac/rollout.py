@@ -1,0 +1,380 @@
+"""The rollout engine: the only place where an environment is stepped.
+
+A proposal carries its horizon, so that segments of N steps in mid-episode (ZOAC) and whole
+episodes from reset (Bayesian optimisation, CMA-ES, evaluation) go through one engine and are
+paid for in one coin, environment steps.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zoac.errors import ControllerError, ZoacError
+
+if TYPE_CHECKING:
+    from zoac.task import Task
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Proposal:
+    """Parameters for a lane, and for how long.
+
+    Args:
+        z: Mapped parameters (d,); clipped to [-1, 1] where they are mapped.
+        lane: The lane that runs it. A lane runs its proposals in the order given.
+        horizon: Steps to run on from where the lane stands, fewer if the episode ends; None: one
+            whole episode, from its start.
+        branch: Run, then put the lane back where it stood before.
+        seed: Begin a new episode from this seed (evaluation, common random numbers). The lane
+            is put back afterwards, as after a branch, so its own random stream is not touched.
+        tag: Anything the tuner wants to find again in the segment.
+    """
+
+    z: np.ndarray
+    lane: int
+    horizon: int | None = None
+    branch: bool = False
+    seed: int | None = None
+    tag: Any = None
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Segment:
+    """What came back for one proposal: T steps of one episode.
+
+    Args:
+        proposal: The proposal that was run.
+        observations: (T + 1, o); the last one is where the segment ended.
+        actions: (T, m).
+        costs: (T,).
+        terminated: The episode ended by itself: what follows costs nothing more.
+        truncated: The episode was cut at its time limit: what follows would have cost more.
+        starts_episode: The first observation is the start of an episode.
+        diagnostics: The controller's, by name, T rows each.
+    """
+
+    proposal: Proposal
+    observations: np.ndarray
+    actions: np.ndarray
+    costs: np.ndarray
+    terminated: bool
+    truncated: bool
+    starts_episode: bool
+    diagnostics: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def length(self) -> int:
+        """Number of steps T."""
+        return len(self.costs)
+
+    def with_costs(self, costs: np.ndarray) -> Segment:
+        """Return the same segment with other costs (T,)."""
+        return replace(self, costs=costs)
+
+
+@dataclass(slots=True)
+class _Running:
+    """A lane's current proposal."""
+
+    index: int
+    first_row: int
+    horizon: int | None
+    starts_episode: bool
+    resume: dict[str, Any] | None
+
+
+class LaneGroup:
+    """Lanes stepped side by side, each with its own episode, random stream and memory.
+
+    What a lane does depends on nothing but its own seed and proposals, so results are the same
+    bits however lanes are spread over groups and processes.
+    """
+
+    def __init__(self, task: Task, lane_ids: Sequence[int], seeds: Sequence[int]) -> None:
+        """
+        Args:
+            task: Gives environment, controller and parameter space.
+            lane_ids: The ids of this group's lanes, as proposals name them.
+            seeds: One seed a lane, for its random stream.
+        """
+        self.n = len(lane_ids)
+        self._space = task.space
+        self._env = task.make_env(self.n)
+        self._controller = task.make_controller()
+        self._row_of = {lane_id: row for row, lane_id in enumerate(lane_ids)}
+        self._lane_ids = tuple(lane_ids)
+        self._first_seeds: list[int | None] = list(seeds)
+        self._action_shape = tuple(self._env.single_action_space.shape or ())
+        self._observations = np.zeros((self.n, *(self._env.single_observation_space.shape or ())))
+        self._initial_memory = _copied(self._controller.init(self.n))
+        self._memory = _copied(self._initial_memory)
+        self._needs_reset = np.ones(self.n, dtype=bool)
+        self._steps = np.zeros(self.n, dtype=np.int64)  # since the start of the episode
+        self._everyone = np.arange(self.n)
+        # One contiguous row of n values per parameter.
+        self._values = np.zeros((self._space.dimension, self.n))
+        self._parameters = dict(zip(self._space.names, self._values, strict=True))
+
+    def rollout(self, proposals: Sequence[Proposal]) -> list[Segment]:
+        """Run all proposals; return their segments in the same order.
+
+        Raises:
+            ControllerError: If the controller raises or returns unusable actions.
+        """
+        values = self._space.values(np.stack([p.z for p in proposals])) if proposals else None
+        queues: list[deque[int]] = [deque() for _ in range(self.n)]
+        for index, proposal in enumerate(proposals):
+            queues[self._row_of[proposal.lane]].append(index)
+        running: list[_Running | None] = [None] * self.n
+        remaining = np.full(self.n, -1, dtype=np.int64)
+        active = np.zeros(self.n, dtype=bool)
+        record = _Record(self.n, self._observations.shape[1:], self._action_shape)
+        segments: list[Segment | None] = [None] * len(proposals)
+
+        def begin(lane: int) -> None:
+            active[lane] = bool(queues[lane])
+            running[lane] = None
+            if not active[lane]:
+                return
+            index = queues[lane].popleft()
+            assert values is not None
+            self._values[:, lane] = values[index]
+            running[lane] = self._stand(lane, index, proposals[index], record.rows)
+            horizon = proposals[index].horizon
+            remaining[lane] = -1 if horizon is None else horizon
+
+        for lane in range(self.n):
+            begin(lane)
+        while active.any():
+            everyone = bool(active.all())
+            actions, diagnostics = self._act(None if everyone else np.flatnonzero(active))
+            before = self._observations
+            self._observations, _, terminated, truncated, infos = self._env.step(
+                actions, None if everyone else active
+            )
+            record.append(before, actions, infos["cost"], diagnostics)
+            self._steps += active
+            remaining -= 1
+            over = (terminated | truncated | (remaining == 0)) & active
+            if not over.any():
+                continue
+            for lane in np.flatnonzero(over).tolist():
+                run = running[lane]
+                assert run is not None
+                ended, cut = bool(terminated[lane]), bool(truncated[lane])
+                segments[run.index] = record.cut(
+                    proposals[run.index], run, lane, self._observations[lane], ended, cut
+                )
+                self._needs_reset[lane] = ended or cut
+                if run.resume is not None:
+                    self._put_back(lane, run.resume)
+                begin(lane)
+        return [segment for segment in segments if segment is not None]
+
+    def _stand(self, lane: int, index: int, proposal: Proposal, row: int) -> _Running:
+        """Bring `lane` to where `proposal` starts."""
+        resume = None
+        if proposal.seed is not None:
+            resume = self._snapshot(lane)
+            self._reset(lane, proposal.seed)
+        else:
+            whole_episode = proposal.horizon is None and self._steps[lane] > 0
+            if self._needs_reset[lane] or whole_episode:
+                self._reset(lane, self._first_seeds[lane])
+                self._first_seeds[lane] = None
+            if proposal.branch:
+                resume = self._snapshot(lane)
+        return _Running(index, row, proposal.horizon, bool(self._steps[lane] == 0), resume)
+
+    def _reset(self, lane: int, seed: int | None) -> None:
+        mask = np.zeros(self.n, dtype=bool)
+        mask[lane] = True
+        seeds: list[int | None] = [None] * self.n
+        seeds[lane] = seed
+        observations, _ = self._env.reset(seed=seeds, options={"reset_mask": mask})
+        self._observations = self._observations.copy()
+        self._observations[lane] = observations[lane]
+        self._set_memory(lane, {k: v[lane] for k, v in self._initial_memory.items()})
+        self._needs_reset[lane] = False
+        self._steps[lane] = 0
+
+    def _set_memory(self, lane: int, row: Mapping[str, np.ndarray]) -> None:
+        self._memory = _copied(self._memory)
+        for name, value in row.items():
+            self._memory[name][lane] = value
+
+    def _act(self, lanes: np.ndarray | None) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
+        """Return actions (n, m) and diagnostics; only `lanes` act, if given."""
+        if lanes is None:
+            actions, memory, diagnostics = self._call(
+                self._parameters, self._observations, self._memory, self._everyone
+            )
+            self._memory = dict(memory)
+            return actions, diagnostics
+        some, memory, some_diagnostics = self._call(
+            {name: value[lanes] for name, value in self._parameters.items()},
+            self._observations[lanes],
+            {name: value[lanes] for name, value in self._memory.items()},
+            lanes,
+        )
+        self._memory = _copied(self._memory)
+        for name, rows in memory.items():
+            self._memory[name][lanes] = rows
+        actions = np.zeros((self.n, *self._action_shape))
+        actions[lanes] = some
+        return actions, {name: _scatter(v, lanes, self.n) for name, v in some_diagnostics.items()}
+
+    def _call(
+        self,
+        parameters: Mapping[str, np.ndarray],
+        observations: np.ndarray,
+        memory: Mapping[str, np.ndarray],
+        lanes: np.ndarray,
+    ) -> tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]:
+        """Ask the controller, and see that its actions can be used."""
+        try:
+            actions, memory, diagnostics = self._controller.act(parameters, observations, memory)
+        except ZoacError:
+            raise
+        except Exception as error:
+            raise ControllerError(
+                f"the controller raised {type(error).__name__}: {error}. {self._place(lanes[0])}"
+            ) from error
+        actions = np.asarray(actions, dtype=np.float64)
+        expected = (len(lanes), *self._action_shape)
+        if actions.shape != expected:
+            raise ControllerError(
+                f"the controller returned actions of shape {actions.shape}, expected {expected} "
+                "(lanes, action size)"
+            )
+        finite = np.isfinite(actions)
+        if not finite.all():
+            row = int(np.flatnonzero(~finite.reshape(len(lanes), -1).all(axis=1))[0])
+            raise ControllerError(
+                f"the controller returned the action {actions[row].tolist()}; every number must "
+                f"be finite. {self._place(lanes[row])}"
+            )
+        return actions, memory, diagnostics
+
+    def _place(self, lane: int) -> str:
+        """Say for an error message where a lane stands."""
+        values = ", ".join(f"{name}={v[lane]:.6g}" for name, v in self._parameters.items())
+        return (
+            f"Lane {self._lane_ids[lane]}, step {self._steps[lane]} of its episode, "
+            f"parameters: {values}"
+        )
+
+    def _snapshot(self, lane: int) -> dict[str, Any]:
+        return {
+            "env": self._env.state([lane]),
+            "observation": self._observations[lane].copy(),
+            "memory": {name: value[lane].copy() for name, value in self._memory.items()},
+            "steps": int(self._steps[lane]),
+            "needs_reset": bool(self._needs_reset[lane]),
+        }
+
+    def _put_back(self, lane: int, snapshot: Mapping[str, Any]) -> None:
+        self._env.restore([lane], snapshot["env"])
+        self._observations = self._observations.copy()
+        self._observations[lane] = snapshot["observation"]
+        self._set_memory(lane, snapshot["memory"])
+        self._steps[lane] = snapshot["steps"]
+        self._needs_reset[lane] = snapshot["needs_reset"]
+
+    def state(self) -> dict[int, Any]:
+        """Return a picklable copy of every lane's state, by lane id."""
+        return {
+            lane_id: {**self._snapshot(row), "first_seed": self._first_seeds[row]}
+            for lane_id, row in self._row_of.items()
+        }
+
+    def restore(self, state: Mapping[int, Any]) -> None:
+        """Put back the lanes of `state` that belong to this group; others are left out."""
+        for lane_id, row in self._row_of.items():
+            self._put_back(row, state[lane_id])
+            self._first_seeds[row] = state[lane_id]["first_seed"]
+
+    def close(self) -> None:
+        """Release the environment."""
+        self._env.close()
+
+
+class _Record:
+    """Everything the lanes did in one `rollout` call, row by row; grows as needed."""
+
+    def __init__(self, n: int, observation: tuple[int, ...], action: tuple[int, ...]) -> None:
+        self.rows = 0
+        self._observations = np.empty((64, n, *observation))
+        self._actions = np.empty((64, n, *action))
+        self._costs = np.empty((64, n))
+        self._diagnostics: dict[str, np.ndarray] = {}
+
+    def append(
+        self,
+        observations: np.ndarray,
+        actions: np.ndarray,
+        costs: np.ndarray,
+        diagnostics: Mapping[str, np.ndarray],
+    ) -> None:
+        row = self.rows
+        if row == len(self._costs):
+            self._grow()
+        if row == 0:
+            self._diagnostics = {
+                name: np.empty((len(self._costs), *np.shape(value)), np.asarray(value).dtype)
+                for name, value in diagnostics.items()
+            }
+        self._observations[row] = observations
+        self._actions[row] = actions
+        self._costs[row] = costs
+        for name, value in diagnostics.items():
+            self._diagnostics[name][row] = value
+        self.rows = row + 1
+
+    def _grow(self) -> None:
+        self._observations = _doubled(self._observations)
+        self._actions = _doubled(self._actions)
+        self._costs = _doubled(self._costs)
+        self._diagnostics = {name: _doubled(v) for name, v in self._diagnostics.items()}
+
+    def cut(
+        self,
+        proposal: Proposal,
+        run: _Running,
+        lane: int,
+        last_observation: np.ndarray,
+        terminated: bool,
+        truncated: bool,
+    ) -> Segment:
+        """Return the rows of `lane` since `run` began, as a segment that shares no memory."""
+        rows = slice(run.first_row, self.rows)
+        return Segment(
+            proposal=proposal,
+            observations=np.concatenate([self._observations[rows, lane], last_observation[None]]),
+            actions=self._actions[rows, lane].copy(),
+            costs=self._costs[rows, lane].copy(),
+            terminated=terminated,
+            truncated=truncated,
+            starts_episode=run.starts_episode,
+            diagnostics={name: v[rows, lane].copy() for name, v in self._diagnostics.items()},
+        )
+
+
+def _doubled(array: np.ndarray) -> np.ndarray:
+    return np.concatenate([array, np.empty_like(array)])
+
+
+def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: np.array(value) for name, value in arrays.items()}
+
+
+def _scatter(rows: np.ndarray, lanes: np.ndarray, n: int) -> np.ndarray:
+    rows = np.asarray(rows)
+    full = np.zeros((n, *rows.shape[1:]), rows.dtype)
+    full[lanes] = rows
+    return full

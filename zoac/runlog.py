@@ -1,0 +1,161 @@
+"""Where a run's rows go: files always, the console, and mirrors such as wandb.
+
+The run folder is the truth. A mirror that fails is dropped with one warning; the run goes on.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol, TextIO
+
+from zoac import checkpoint, records
+
+
+class Sink(Protocol):
+    """A mirror of the run folder."""
+
+    def start(self, run: Mapping[str, Any]) -> None:
+        """Take the content of `run.json`."""
+        ...
+
+    def row(self, row: Mapping[str, Any]) -> None:
+        """Take one row of `metrics.jsonl`."""
+        ...
+
+    def finish(self, result: Mapping[str, Any]) -> None:
+        """Take the content of `result.json`."""
+        ...
+
+
+class RunLog:
+    """Writer of one run folder, which also passes every row on to the mirrors."""
+
+    def __init__(self, folder: Path, run: Mapping[str, Any], sinks: Sequence[Sink] = ()) -> None:
+        """
+        Args:
+            folder: The run folder; exists and is locked by the caller.
+            run: Content of `run.json`; written if the folder has none.
+            sinks: Mirrors.
+        """
+        self.folder = folder
+        self._run = run
+        self._sinks = list(sinks)
+        if not (folder / records.RUN).exists():
+            records.write_json(folder / records.RUN, run)
+        self._file = open(folder / records.METRICS, "ab")  # noqa: SIM115 (closed by close)
+        self._mirror("start", run)
+
+    def row(self, kind: str, stamp: Mapping[str, Any], numbers: Mapping[str, Any]) -> None:
+        """Append one row and pass it on."""
+        row = {"kind": kind, **stamp, **numbers}
+        self._file.write(records.json_line(row).encode())
+        self._file.flush()
+        self._mirror("row", row)
+
+    def finish(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
+        """Write `result.json`, which marks the run as done; return its content."""
+        identity = {k: self._run[k] for k in ("format", "task", "tuner", "seed", "variant")}
+        result = {**identity, **numbers, "config_hash": self._run["config_hash"]}
+        records.write_json(self.folder / records.RESULT, result)
+        self._mirror("finish", result)
+        return result
+
+    def size(self) -> int:
+        """Return the length of `metrics.jsonl` in bytes."""
+        return self._file.tell()
+
+    def rewind(self, size: int) -> None:
+        """Cut `metrics.jsonl` back to where a checkpoint saw it: later rows will come again."""
+        self._file.truncate(size)
+        self._file.seek(size)
+
+    def save_checkpoint(self, state: Any) -> None:
+        """Write a checkpoint of this run."""
+        checkpoint.save(self.folder / "checkpoint", state)
+
+    def load_checkpoint(self) -> Any | None:
+        """Return the newest whole checkpoint, or None; complain about damaged ones on stderr."""
+        found = checkpoint.load(self.folder / "checkpoint")
+        if found is None:
+            return None
+        state, complaints = found
+        for complaint in complaints:
+            print(f"{complaint}; going on from the previous checkpoint", file=sys.stderr)
+        return state
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _mirror(self, verb: str, content: Mapping[str, Any]) -> None:
+        for sink in list(self._sinks):
+            try:
+                getattr(sink, verb)(content)
+            except Exception as error:  # a mirror must not end a run, whatever it raises
+                self._sinks.remove(sink)
+                name = type(sink).__name__
+                print(f"{name} failed and is switched off: {error}", file=sys.stderr)
+
+
+class Console:
+    """One line per evaluation, and on a terminal a line that moves in between."""
+
+    def __init__(self, budget: int, stream: TextIO | None = None) -> None:
+        self._budget = budget
+        self._stream = stream or sys.stdout
+        self._live = self._stream.isatty()
+        self._name = ""
+        self._first: tuple[float, int] | None = None
+        self._shown = 0.0
+
+    def start(self, run: Mapping[str, Any]) -> None:
+        """Print what runs, and the tuner's choices that a comparison must show."""
+        variant = f" {run['variant']}" if run["variant"] else ""
+        self._name = f"{run['task']} {run['tuner']} seed={run['seed']}{variant}"
+        self._print(f"{self._name}: {self._budget:,} steps")
+        for choice, value in run["tuner_choices"].items():
+            self._print(f"  {choice}: {value}")
+
+    def row(self, row: Mapping[str, Any]) -> None:
+        """Show progress."""
+        if self._first is None:
+            self._first = (row["wall_seconds"], row["env_steps"])
+        if row["kind"] == "eval":
+            what = "final" if row["final"] else "evaluation"
+            ended = f", {row['terminations']} terminated" if row["terminations"] else ""
+            cost = f"{what} cost {row['cost_mean']:.4g}"
+            episodes = f"over {len(row['cost_per_episode'])} episodes"
+            self._print(f"{self._progress(row)} | {cost} {episodes}{ended}")
+        elif self._live and time.monotonic() - self._shown > 0.5:
+            self._shown = time.monotonic()
+            self._stream.write(f"\r\033[K{self._progress(row)}")
+            self._stream.flush()
+
+    def finish(self, result: Mapping[str, Any]) -> None:
+        """Print the tuned parameters."""
+        for name, value in result["parameters"].items():
+            self._print(f"  {name} = {value:.6g}")
+
+    def _progress(self, row: Mapping[str, Any]) -> str:
+        """Return steps, time so far and time left, from the rate since this process began."""
+        assert self._first is not None
+        wall, steps = row["wall_seconds"], row["env_steps"]
+        done = steps - self._first[1]
+        text = f"{self._name} | {steps:,}/{self._budget:,} steps | {_clock(wall)}"
+        if done > 0 and steps < self._budget:
+            left = (wall - self._first[0]) / done * (self._budget - steps)
+            text += f", about {_clock(left)} left"
+        return text
+
+    def _print(self, text: str) -> None:
+        clear = "\r\033[K" if self._live else ""
+        print(f"{clear}{text}", file=self._stream, flush=True)
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -1,0 +1,213 @@
+"""One run from its configuration to its result: folder, lock, signals, trainer."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from zoac import build, records
+from zoac.errors import RunFolderError
+from zoac.runlog import Console, RunLog
+from zoac.task import Task
+from zoac.trainer import Interrupted, Trainer
+from zoac.tuner import Tuner
+
+PACKAGES = (
+    "zoac", "numpy", "torch", "gymnasium", "hydra-core", "cvxpy", "clarabel", "numba", "nevergrad",
+)  # fmt: skip
+
+
+def run_folder(config: Mapping[str, Any], task: str, tuner: str) -> Path:
+    """Return `<runs_dir>/<task>/<tuner>/seed=<s>[/variant=<name>]`."""
+    folder = Path(config["runs_dir"]) / task / tuner / f"seed={config['seed']}"
+    return folder / f"variant={config['variant']}" if config["variant"] else folder
+
+
+def run_session(
+    config: Mapping[str, Any], task: str, tuner: str, command: Sequence[str], quiet: bool = False
+) -> dict[str, Any]:
+    """Tune as configured, or go on with or return what is there already.
+
+    Args:
+        config: Resolved configuration.
+        task: Name of the task, for the run's identity.
+        tuner: Name of the tuner, likewise.
+        command: What was typed, for the record.
+        quiet: Print nothing.
+
+    Returns:
+        The content of `result.json`.
+
+    Raises:
+        ConfigError: If the configuration cannot be used.
+        RunFolderError: If the folder holds another run, is damaged or in use.
+    """
+    settings = build.build_settings(config)
+    the_task = build.build_task(config)
+    the_tuner = build.build_tuner(config, the_task, settings)
+    executor = build.build_executor(config)
+    sinks = build.build_sinks(config)
+    if not quiet:
+        sinks.append(Console(settings.budget))
+    folder = run_folder(config, task, tuner)
+    _make(folder)
+    with _locked(folder):
+        if _prepare(folder, config) and not quiet:
+            print(f"{folder}: done already; resume=overwrite starts anew")
+        if records.is_done(folder):
+            return records.read_result(folder)
+        identity = {"task": task, "tuner": tuner, "seed": config["seed"]}
+        run = _run_record(identity, config, command, the_task, the_tuner)
+        log = RunLog(folder, run, sinks)
+        try:
+            executor.start(the_task, settings.lanes, settings.seed)
+            with _stop_on_signal() as stop:
+                trainer = Trainer(the_task, the_tuner, executor, settings, log, stop)
+                return trainer.run()
+        except Interrupted:
+            print(f"stopped; the same command goes on from {folder}", file=sys.stderr)
+            raise KeyboardInterrupt from None
+        finally:
+            executor.close()
+            log.close()
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunFolderError(
+            f"cannot make the run folder {folder}: {error.strerror}; choose another runs_dir"
+        ) from None
+
+
+def _prepare(folder: Path, config: Mapping[str, Any]) -> bool:
+    """Make the folder ready by `resume`; return whether its run is done already."""
+    if not (folder / records.RUN).exists():
+        return False
+    resume = config["resume"]
+    if resume == "never":
+        raise RunFolderError(
+            f"{folder} holds a run already and resume=never; use resume=auto to go on with it, "
+            "resume=overwrite to start anew, or another variant=<name>"
+        )
+    if resume == "overwrite":
+        for name in (records.RUN, records.METRICS, records.RESULT):
+            (folder / name).unlink(missing_ok=True)
+        shutil.rmtree(folder / "checkpoint", ignore_errors=True)
+        return False
+    earlier = records.read_run(folder)
+    if earlier["config_hash"] != records.config_hash(config):
+        differences = records.differing_keys(earlier["config"], config)
+        told = "\n".join(f"  {key}: {a!r} there, {b!r} now" for key, (a, b) in differences.items())
+        raise RunFolderError(
+            f"{folder} holds a run of another configuration:\n{told}\n"
+            "Use those values, another variant=<name>, or resume=overwrite"
+        )
+    return records.is_done(folder)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold the folder's lock, which the system releases when the process ends, however it ends."""
+    with open(folder / ".lock", "a+") as file:
+        try:
+            if os.name == "posix":
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            else:
+                import msvcrt
+
+                msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+        except OSError:
+            raise RunFolderError(f"{folder}: another process is running this run") from None
+        yield
+
+
+@contextmanager
+def _stop_on_signal() -> Iterator[Any]:
+    """Yield a function that tells whether to stop: the first signal asks, a second one insists."""
+    asked = False
+
+    def ask(number: int, frame: Any) -> None:
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+        print("\nstopping after this iteration; once more stops at once", file=sys.stderr)
+
+    try:
+        earlier = {s: signal.signal(s, ask) for s in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:  # not the main thread: signals belong to somebody else
+        earlier = {}
+    try:
+        yield lambda: asked
+    finally:
+        for number, handler in earlier.items():
+            signal.signal(number, handler)
+
+
+def _run_record(
+    identity: Mapping[str, Any],
+    config: Mapping[str, Any],
+    command: Sequence[str],
+    task: Task,
+    tuner: Tuner,
+) -> dict[str, Any]:
+    """Return the content of `run.json`."""
+    return {
+        "format": records.FORMAT,
+        **identity,
+        "variant": config["variant"],
+        "config": dict(config),
+        "config_hash": records.config_hash(config),
+        "command": list(command),
+        "tuner_choices": tuner.describe(),
+        "parameters": [asdict(p) for p in task.space.parameters],
+        "nominal": None if task.nominal is None else dict(task.nominal),
+        "versions": {"python": platform.python_version(), **_versions()},
+        "commit": _commit(),
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": {"system": platform.platform(), "processor": platform.machine(),
+                    "cores": os.cpu_count()},
+    }  # fmt: skip
+
+
+def _versions() -> dict[str, str]:
+    versions = {}
+    for name in PACKAGES:
+        try:
+            versions[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:  # a clone without an installed package
+            continue
+    return versions
+
+
+def _commit() -> str | None:
+    """Return the commit of the clone that this package runs from, "+" behind it if changed."""
+    root = Path(__file__).parent.parent
+    if not (root / ".git").exists():
+        return None
+    try:
+        git = ["git", "-C", str(root)]
+        commit = subprocess.run(
+            [*git, "rev-parse", "HEAD"], capture_output=True, text=True, check=True, timeout=10
+        ).stdout.strip()
+        changed = subprocess.run(
+            [*git, "status", "--porcelain", "-uno"], capture_output=True, text=True, timeout=10
+        ).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return commit + ("+" if changed else "")

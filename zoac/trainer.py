@@ -1,0 +1,236 @@
+"""The loop: ask, roll out, tell, evaluate, log, checkpoint.
+
+It does not know who is tuning, what is tuned, or where lanes run.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from zoac.evaluation import evaluation_proposals, evaluation_row
+from zoac.executor import Executor
+from zoac.rollout import Segment
+from zoac.runlog import RunLog
+from zoac.task import Task
+from zoac.tuner import Tuner
+
+Count = Annotated[int, Field(ge=1)]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a run is told beside its task and its tuner.
+
+    Args:
+        seed: Of everything but the evaluation episodes.
+        budget: Environment steps for tuning; evaluation is not counted.
+        lanes: Environments side by side.
+        eval_every: Environment steps between evaluations.
+        episodes: Evaluation episodes during tuning.
+        final_episodes: Evaluation episodes of the final figure.
+        evaluation_seed: Of the evaluation episodes, the same for all runs that are compared.
+        checkpoint_seconds: Wall seconds between checkpoints.
+    """
+
+    seed: Annotated[int, Field(ge=0)] = 0
+    budget: Annotated[int, Field(ge=0)] = 500_000
+    lanes: Count = 10
+    eval_every: Count = 10_000
+    episodes: Count = 10
+    final_episodes: Count = 100
+    evaluation_seed: Annotated[int, Field(ge=0)] = 0
+    checkpoint_seconds: Annotated[float, Field(ge=0)] = 30.0
+
+
+@dataclass
+class Progress:
+    """Counters of a run; they survive a resume."""
+
+    iteration: int = 0
+    env_steps: int = 0
+    next_eval: int = 0
+    wall_seconds: float = 0.0
+    compute_seconds: float = 0.0
+    solver_seconds: float = 0.0
+    tuner_seconds: float = 0.0
+    evaluation_seconds: float = 0.0
+    checkpoint_seconds: float = 0.0
+    solver_failures: int = 0
+    log_bytes: int = field(default=0)
+
+
+class Interrupted(Exception):
+    """The run was asked to stop; its checkpoint is written."""
+
+
+class Trainer:
+    """One run: a task, a tuner, an executor and a budget."""
+
+    def __init__(
+        self,
+        task: Task,
+        tuner: Tuner,
+        executor: Executor,
+        settings: Settings,
+        log: RunLog,
+        stop_requested: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """
+        Args:
+            task: What is tuned.
+            tuner: Who tunes.
+            executor: Where lanes run; started, and closed by the caller.
+            settings: Seed, budget and evaluation.
+            log: Where rows, checkpoints and the result go.
+            stop_requested: Asked between iterations; True ends the run with a checkpoint.
+        """
+        self._task, self._tuner, self._executor = task, tuner, executor
+        self._settings, self._log = settings, log
+        self._stop_requested = stop_requested
+        self.progress = Progress()
+        self._wall_start = self._last_checkpoint = time.perf_counter()
+        self._compute_start = time.process_time()
+
+    def run(self) -> dict[str, Any]:
+        """Tune until the budget is spent or the tuner has nothing more to ask; return the result.
+
+        Raises:
+            Interrupted: If asked to stop; the run can be resumed.
+        """
+        self._restore(self._log.load_checkpoint())
+        while self.progress.env_steps < self._settings.budget:
+            self._evaluate_if_due()
+            with self._timed("tuner_seconds"):
+                proposals = self._tuner.ask()
+            if not proposals:
+                break
+            segments = self._executor.rollout(proposals)
+            self._learn(segments)
+            self._checkpoint_if_due()
+        return self._finish()
+
+    def _learn(self, segments: list[Segment]) -> None:
+        """Count what was spent and tell the tuner."""
+        progress = self.progress
+        progress.iteration += 1
+        progress.env_steps += sum(s.length for s in segments)
+        self._account(segments)
+        seen = [s.with_costs(self._task.tuning_costs(s)) for s in segments]
+        with self._timed("tuner_seconds"):
+            metrics = self._tuner.tell(seen)
+        costs = np.concatenate([s.costs for s in seen])
+        terminations = sum(s.terminated for s in segments)
+        self._log.row(
+            "train",
+            self._stamp(iteration=progress.iteration),
+            {"step_cost_mean": float(costs.mean()), "terminations": terminations, **metrics},
+        )
+
+    def _evaluate_if_due(self) -> None:
+        progress = self.progress
+        if progress.env_steps < progress.next_eval:
+            return
+        every = self._settings.eval_every
+        progress.next_eval = (progress.env_steps // every + 1) * every
+        self._evaluate(self._settings.episodes, final=False)
+
+    def _evaluate(self, episodes: int, final: bool) -> dict[str, Any]:
+        """Run the fixed episodes with the recommended parameters and log a row."""
+        z = self._tuner.recommend()
+        with self._timed("evaluation_seconds"):
+            segments = self._executor.evaluate(
+                evaluation_proposals(z, episodes, self._settings.evaluation_seed)
+            )
+        row = evaluation_row(segments, self._task.metrics)
+        self._account(segments)
+        parameters = {name: float(v) for name, v in self._task.space.physical(z).items()}
+        row = {**row, "parameters": parameters, "z": z.tolist(), "final": final}
+        self._log.row("eval", self._stamp(compute_seconds=self._compute_seconds()), row)
+        return row
+
+    def _finish(self) -> dict[str, Any]:
+        final = self._evaluate(self._settings.final_episodes, final=True)
+        del final["final"]
+        progress = asdict(self.progress)
+        result = {
+            "env_steps": progress["env_steps"],
+            **final,
+            "wall_seconds": self._wall_seconds(),
+            "compute_seconds": self._compute_seconds(),
+            **{f"{part}_seconds": progress[f"{part}_seconds"] for part in _PARTS},
+            "solver_failures": progress["solver_failures"],
+        }
+        return self._log.finish(result)
+
+    def _account(self, segments: list[Segment]) -> None:
+        """Add up what the controllers report of their solvers, tuning and evaluation alike."""
+        for segment in segments:
+            diagnostics = segment.diagnostics
+            if "solver_seconds" in diagnostics:
+                self.progress.solver_seconds += float(diagnostics["solver_seconds"].sum())
+            if "solver_failed" in diagnostics:
+                self.progress.solver_failures += int(diagnostics["solver_failed"].sum())
+
+    @contextmanager
+    def _timed(self, counter: str) -> Iterator[None]:
+        begun = time.perf_counter()
+        try:
+            yield
+        finally:
+            spent = time.perf_counter() - begun
+            setattr(self.progress, counter, getattr(self.progress, counter) + spent)
+
+    def _stamp(self, **more: Any) -> dict[str, Any]:
+        return {
+            "env_steps": self.progress.env_steps,
+            "wall_seconds": round(self._wall_seconds(), 3),
+            **more,
+        }
+
+    def _wall_seconds(self) -> float:
+        return self.progress.wall_seconds + time.perf_counter() - self._wall_start
+
+    def _compute_seconds(self) -> float:
+        here = time.process_time() - self._compute_start
+        return self.progress.compute_seconds + here + self._executor.worker_seconds
+
+    def _checkpoint_if_due(self) -> None:
+        stop = self._stop_requested()
+        waited = time.perf_counter() - self._last_checkpoint
+        if stop or waited >= self._settings.checkpoint_seconds:
+            begun = time.perf_counter()
+            self._log.save_checkpoint(self._state())
+            self._last_checkpoint = time.perf_counter()
+            self.progress.checkpoint_seconds += self._last_checkpoint - begun
+        if stop:
+            raise Interrupted
+
+    def _state(self) -> dict[str, Any]:
+        progress = asdict(self.progress)
+        progress["wall_seconds"] = self._wall_seconds()
+        progress["compute_seconds"] = self._compute_seconds()
+        progress["log_bytes"] = self._log.size()
+        return {
+            "progress": progress,
+            "tuner": self._tuner.state(),
+            "lanes": self._executor.state(),
+        }
+
+    def _restore(self, state: dict[str, Any] | None) -> None:
+        if state is None:
+            self._log.rewind(0)
+            return
+        self.progress = Progress(**state["progress"])
+        self._tuner.restore(state["tuner"])
+        self._executor.restore(state["lanes"])
+        self._log.rewind(self.progress.log_bytes)
+
+
+_PARTS = ("solver", "tuner", "evaluation", "checkpoint")

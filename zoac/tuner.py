@@ -1,0 +1,78 @@
+"""What a tuner is: it asks for rollouts, is told what happened, and recommends."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from zoac.parameters import ParameterSpace
+from zoac.rollout import Proposal, Segment
+from zoac.seeding import stream
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What a tuner may know about what it tunes.
+
+    Args:
+        space: The parameters; a tuner searches the mapped box [-1, 1]^d.
+        observation_size: Length o of an observation.
+        lanes: Number of lanes n that roll out side by side.
+        budget: Environment steps that the run will give to tuning.
+        max_episode_steps: An episode's time limit.
+        seed: The run's seed.
+        nominal: Mapped reference parameters (d,), for tasks that have them.
+    """
+
+    space: ParameterSpace
+    observation_size: int
+    lanes: int
+    budget: int
+    max_episode_steps: int
+    seed: int
+    nominal: np.ndarray | None = None
+
+    def rng(self, name: str) -> np.random.Generator:
+        """Return the run's random stream called `name`, from its beginning."""
+        return stream(self.seed, name)
+
+
+class Tuner(ABC):
+    """Ask, tell, recommend; and a state that can be saved and put back exactly.
+
+    A tuner's constructor takes the `Problem` first and its options, all by keyword, after it.
+    """
+
+    @abstractmethod
+    def ask(self) -> list[Proposal]:
+        """Return the next batch of proposals; an empty list means there is nothing left to do."""
+
+    @abstractmethod
+    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """Take what came back, in the order of the proposals; return numbers to log.
+
+        Costs are to be minimised. They may be NaN or infinite, which means: bad.
+        """
+
+    @abstractmethod
+    def recommend(self) -> np.ndarray:
+        """Return the mapped parameters (d,) that the tuner would use now.
+
+        Must not change the tuner's state or draw random numbers.
+        """
+
+    @abstractmethod
+    def state(self) -> Any:
+        """Return a picklable copy of everything that `ask`, `tell` and `recommend` depend on."""
+
+    @abstractmethod
+    def restore(self, state: Any) -> None:
+        """Put back what `state` returned; afterwards the tuner goes on to the same bits."""
+
+    def describe(self) -> dict[str, Any]:
+        """Return the choices that a fair comparison must show, by name, for run log and tables."""
+        return {}
