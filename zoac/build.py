@@ -82,4 +82,4 @@ def build_executor(config: Mapping[str, Any]) -> Executor:
 
 def build_sinks(config: Mapping[str, Any]) -> list[Sink]:
     """Return the mirrors of a resolved configuration."""
-    return [build(node, f"logger[{i}]") for i, node in enumerate(config["logger"] or [])]
+    return [build(node, f"logger.{name}") for name, node in config["logger"].items()]

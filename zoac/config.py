@@ -22,13 +22,13 @@ from zoac.errors import ConfigError, suggest
 from zoac.records import WITHOUT_EFFECT
 
 CONFIG_MODULE = "zoac.conf"
-GROUPS = ("task", "tuner", "executor", "mpc_solver", "fidelity", "logger", "experiment")
+GROUPS = ("task", "tuner", "executor", "mpc_solver", "fidelity", "logger", "method", "experiment")
 
 # Overrides that say which run this is; `records.WITHOUT_EFFECT` cannot change its numbers.
-NOT_A_VARIANT = ("task", "tuner", "seed", "experiment")
+NOT_A_VARIANT = ("task", "tuner", "seed", "method", "experiment")
 
 
-NOT_OF_THE_RUN = ("hydra", "experiment")
+NOT_OF_THE_RUN = ("hydra", "method", "experiment")
 
 
 class Resume(Enum):

@@ -17,7 +17,7 @@ def names(group):
 
 CHOICES = [
     (group, name)
-    for group in ("task", "executor", "mpc_solver", "fidelity", "logger", "experiment")
+    for group in ("task", "executor", "mpc_solver", "fidelity", "logger", "method", "experiment")
     for name in names(group)
 ]
 

@@ -1,0 +1,17 @@
+"""The numbers of a row, as mirrors want them: flat names and floats."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+
+def numbers(row: Mapping[str, Any]) -> dict[str, float]:
+    """Return what is a number in `row`; of a mapping inside, `name/key`; lists are left out."""
+    flat: dict[str, float] = {}
+    for name, value in row.items():
+        if isinstance(value, Mapping):
+            flat.update({f"{name}/{k}": v for k, v in numbers(value).items()})
+        elif isinstance(value, (int, float)) and not isinstance(value, bool):
+            flat[name] = value
+    return flat
