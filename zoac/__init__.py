@@ -24,9 +24,11 @@ from zoac.tasks import register  # noqa: E402 (found through the line above)
 register()
 
 if TYPE_CHECKING:
+    from zoac.api import Result as Result
     from zoac.api import make_task as make_task
+    from zoac.api import tune as tune
 
-__all__ = ["make_task"]
+__all__ = ["Result", "make_task", "tune"]
 
 
 def __getattr__(name: str) -> Any:

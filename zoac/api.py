@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
-from zoac.build import build_task
+from zoac import build, records
+from zoac.adapters import EnvSource, UserTask, parse_space
 from zoac.config import GROUPS, compose_config, resolved
 from zoac.errors import ConfigError, suggest
-from zoac.task import Task
+from zoac.parameters import ParameterSpace
+from zoac.runlog import Console
+from zoac.session import Run, execute
+from zoac.task import Metric, Task
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def make_task(name: str, **overrides: Any) -> Task:
@@ -26,17 +37,195 @@ def make_task(name: str, **overrides: Any) -> Task:
     """
     groups = [f"{key}={value}" for key, value in overrides.items() if key in GROUPS]
     config = compose_config([f"task={name}", *groups])
-    OmegaConf.set_struct(config, False)
-    for key, value in overrides.items():
-        if key in GROUPS:
-            continue
-        if key not in config.task:
-            known = [*(k for k in config.task if not str(k).startswith("_")), *GROUPS]
-            raise ConfigError(f"task {name!r} has no option {key!r}; {suggest(key, known)}")
-        OmegaConf.update(config, f"task.{key}", value)
-    return build_task(resolved(config))
+    options = {key: value for key, value in overrides.items() if key not in GROUPS}
+    _set(config, "task", options, f"task {name!r}", GROUPS)
+    return build.build_task(resolved(config))
 
 
 def task_from_config(config: Mapping[str, Any]) -> Task:
     """Return the task of a run, from the `config` in its `run.json`."""
-    return build_task(config)
+    return build.build_task(config)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What tuning found.
+
+    Args:
+        parameters: By name, physical values, fixed ones included.
+        cost_mean: Mean cost of the final evaluation episodes.
+        cost_per_episode: Of each of them.
+        start_cost_mean: Mean cost of the start values on the same episodes; None without any.
+        env_steps: Spent on tuning.
+        folder: The run folder, with everything that was logged.
+    """
+
+    parameters: dict[str, float]
+    cost_mean: float
+    cost_per_episode: list[float]
+    start_cost_mean: float | None
+    env_steps: int
+    folder: Path
+
+    @property
+    def history(self) -> pd.DataFrame:
+        """The rows of `metrics.jsonl`."""
+        import pandas as pd
+
+        return pd.DataFrame(records.read_metrics(self.folder))
+
+
+def tune(
+    *,
+    task: Task | str | None = None,
+    env: EnvSource | None = None,
+    controller: Any = None,
+    space: ParameterSpace | Mapping[str, Any] | None = None,
+    tuner: str = "zoac",
+    budget: int = 50_000,
+    seed: int = 0,
+    lanes: int = 10,
+    start: Mapping[str, float] | None = None,
+    metrics: Sequence[Metric] = (),
+    max_episode_steps: int | None = None,
+    tuner_options: Mapping[str, Any] | None = None,
+    executor: str = "serial",
+    eval_every: int | None = None,
+    episodes: int = 10,
+    final_episodes: int = 20,
+    folder: str | Path | None = None,
+    quiet: bool = False,
+) -> Result:
+    """Tune a controller in a simulator; return the best parameters found.
+
+        result = zoac.tune(env="Pendulum-v1", controller=act, space={"kp": (0, 20), "kd": (0, 5)})
+
+    Args:
+        task: A `Task`, or the name of a built-in one; else give `env`, `controller` and `space`.
+        env: A Gymnasium id, a function that makes an environment, or an environment. Its cost is
+            `info["cost"]` if there is one, else the negative reward.
+        controller: `act(params, obs)`, or an object with such a method that may remember things
+            and begins an episode in `reset()`; params is {name: number}, obs an array.
+        space: Bounds by name: `(low, high)`, `(low, high, "log")`, a dict with `low`, `high`,
+            `scale`, `unit`, `start`; or one number, which is fixed.
+        tuner: Name of a tuner's config: "zoac", "cmaes", "bo", "random", ...
+        budget: Environment steps for tuning.
+        seed: Of everything.
+        lanes: Environments side by side.
+        start: Today's values, where the tuner then begins, if it can be told; their cost is
+            reported beside the result.
+        metrics: Reported beside the cost.
+        max_episode_steps: Cut episodes here; needed if the environment does not end by itself.
+        tuner_options: By name, such as {"sigma": 0.05}.
+        executor: "serial" or "process".
+        eval_every: Steps between evaluations; None: a tenth of the budget.
+        episodes: Evaluation episodes during tuning.
+        final_episodes: Evaluation episodes of the final figure.
+        folder: Run folder; None: a new temporary one. A stopped run goes on.
+        quiet: Print nothing.
+
+    Raises:
+        ConfigError: If something given cannot be used.
+        ControllerError: If the controller raises or returns what is not a finite action.
+    """
+    the_task, fixed = _task(task, env, controller, space, start, metrics, max_episode_steps)
+    built_in = [f"task={task}"] if isinstance(task, str) else []
+    config = compose_config([f"tuner={tuner}", f"executor={executor}", *built_in])
+    if not built_in:
+        OmegaConf.set_struct(config, False)
+        del config.task["tuned_for"]  # options for the default task are not meant for this one
+    options = dict(tuner_options or {})
+    if start is not None:
+        the_task.nominal = dict(start)
+    told = start is not None or (isinstance(the_task, UserTask) and the_task.nominal is not None)
+    if told and "start" in config.tuner:
+        options.setdefault("start", "nominal")
+    _set(config, "tuner", options, f"tuner {tuner!r}")
+    config.seed, config.budget, config.lanes = seed, budget, lanes
+    config.eval_every = eval_every or max(1, budget // 10)
+    config.evaluation.episodes, config.evaluation.final_episodes = episodes, final_episodes
+    plain = resolved(config)
+    name = task if isinstance(task, str) else type(the_task).__name__
+    if not isinstance(task, str):
+        plain["task"] = {"space": [str(p) for p in the_task.space.parameters], "fixed": fixed}
+    settings = build.build_settings(plain)
+    run = Run(
+        identity={"task": name, "tuner": tuner, "seed": seed},
+        config=plain,
+        command=sys.argv,
+        task=the_task,
+        tuner=build.build_tuner(plain["tuner"], the_task, settings),
+        executor=build.build_executor(plain),
+        settings=settings,
+        sinks=[] if quiet else [Console(budget)],
+    )
+    where = Path(folder) if folder is not None else Path(tempfile.mkdtemp(prefix="zoac-"))
+    result = execute(run, where)
+    return Result(
+        parameters={**result["parameters"], **fixed},
+        cost_mean=result["cost_mean"],
+        cost_per_episode=result["cost_per_episode"],
+        start_cost_mean=_cost_of(the_task, settings) if the_task.nominal is not None else None,
+        env_steps=result["env_steps"],
+        folder=where,
+    )
+
+
+def _task(
+    task: Task | str | None,
+    env: EnvSource | None,
+    controller: Any,
+    space: ParameterSpace | Mapping[str, Any] | None,
+    start: Mapping[str, float] | None,
+    metrics: Sequence[Metric],
+    max_episode_steps: int | None,
+) -> tuple[Task, dict[str, float]]:
+    """Return the task to tune and its fixed parameters."""
+    if task is not None:
+        given = {"env": env, "controller": controller, "space": space}
+        doubled = [name for name, value in given.items() if value is not None]
+        if doubled:
+            raise ConfigError(f"give either task or env, controller and space; not {doubled} too")
+        return (make_task(task), {}) if isinstance(task, str) else (task, {})
+    if env is None or controller is None or space is None:
+        raise ConfigError("tune needs a task, or all of env, controller and space")
+    parsed, fixed, starts = parse_space(space)
+    starts = {**starts, **(start or {})}
+    user = UserTask(env, controller, parsed, fixed, starts or None, metrics, max_episode_steps)
+    if user.nominal is not None:
+        parsed.unit(user.nominal)  # says what is wrong with a start value
+    return user, fixed
+
+
+def _cost_of(task: Task, settings: Any) -> float:
+    """Return the mean cost of the task's start values on the final evaluation episodes."""
+    from zoac.evaluation import evaluation_proposals, evaluation_row
+    from zoac.executor import Serial
+
+    assert task.nominal is not None
+    executor = Serial()
+    executor.start(task, 1, settings.seed)
+    proposals = evaluation_proposals(
+        task.space.unit(task.nominal), settings.final_episodes, settings.evaluation_seed
+    )
+    try:
+        return float(evaluation_row(executor.evaluate(proposals), task.metrics)["cost_mean"])
+    finally:
+        executor.close()
+
+
+def _set(
+    config: DictConfig,
+    where: str,
+    options: Mapping[str, Any],
+    what: str,
+    more: Sequence[str] = (),
+) -> None:
+    """Set options inside a config node; an unknown one gets the nearest."""
+    OmegaConf.set_struct(config, False)
+    node = config[where]
+    for key, value in options.items():
+        if key not in node:
+            known = [*(str(k) for k in node if not str(k).startswith("_")), *more]
+            raise ConfigError(f"{what} has no option {key!r}; {suggest(key, known)}")
+        OmegaConf.update(config, f"{where}.{key}", value)

@@ -57,8 +57,8 @@ def build_settings(config: Mapping[str, Any]) -> Settings:
     return Settings(**top, **inner)
 
 
-def build_tuner(config: Mapping[str, Any], task: Task, settings: Settings) -> Tuner:
-    """Return the tuner of a resolved configuration, for `task`."""
+def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tuner:
+    """Return the tuner of the config node `tuner`, for `task`."""
     env = task.make_env(1)
     shape = env.single_observation_space.shape
     assert shape is not None
@@ -72,7 +72,7 @@ def build_tuner(config: Mapping[str, Any], task: Task, settings: Settings) -> Tu
         nominal=None if task.nominal is None else task.space.unit(task.nominal),
     )
     env.close()
-    return build(config["tuner"], "tuner", problem=problem)
+    return build(node, "tuner", problem=problem)
 
 
 def build_executor(config: Mapping[str, Any]) -> Executor:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -273,7 +274,7 @@ class LaneGroup:
         return {
             "env": self._env.state([lane]),
             "observation": self._observations[lane].copy(),
-            "memory": {name: value[lane].copy() for name, value in self._memory.items()},
+            "memory": {name: deepcopy(value[lane]) for name, value in self._memory.items()},
             "steps": int(self._steps[lane]),
             "needs_reset": bool(self._needs_reset[lane]),
         }

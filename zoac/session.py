@@ -10,7 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -18,9 +18,10 @@ from typing import Any
 
 from zoac import build, records
 from zoac.errors import RunFolderError
-from zoac.runlog import Console, RunLog
+from zoac.executor import Executor
+from zoac.runlog import Console, RunLog, Sink
 from zoac.task import Task
-from zoac.trainer import Interrupted, Trainer
+from zoac.trainer import Interrupted, Settings, Trainer
 from zoac.tuner import Tuner
 
 PACKAGES = (
@@ -34,8 +35,33 @@ def run_folder(config: Mapping[str, Any], task: str, tuner: str) -> Path:
     return folder / f"variant={config['variant']}" if config["variant"] else folder
 
 
+@dataclass(frozen=True)
+class Run:
+    """Everything that one run is made of.
+
+    Args:
+        identity: `task`, `tuner` and `seed`, for run folder and tables.
+        config: Resolved configuration, for the record and to tell runs apart.
+        command: What was typed, for the record.
+        task: What is tuned.
+        tuner: Who tunes.
+        executor: Where lanes run; not yet started.
+        settings: Seed, budget and evaluation.
+        sinks: Mirrors of the run folder.
+    """
+
+    identity: Mapping[str, Any]
+    config: Mapping[str, Any]
+    command: Sequence[str]
+    task: Task
+    tuner: Tuner
+    executor: Executor
+    settings: Settings
+    sinks: Sequence[Sink]
+
+
 def run_session(
-    config: Mapping[str, Any], task: str, tuner: str, command: Sequence[str], quiet: bool = False
+    config: Mapping[str, Any], task: str, tuner: str, command: Sequence[str]
 ) -> dict[str, Any]:
     """Tune as configured, or go on with or return what is there already.
 
@@ -44,7 +70,6 @@ def run_session(
         task: Name of the task, for the run's identity.
         tuner: Name of the tuner, likewise.
         command: What was typed, for the record.
-        quiet: Print nothing.
 
     Returns:
         The content of `result.json`.
@@ -55,31 +80,42 @@ def run_session(
     """
     settings = build.build_settings(config)
     the_task = build.build_task(config)
-    the_tuner = build.build_tuner(config, the_task, settings)
-    executor = build.build_executor(config)
-    sinks = build.build_sinks(config)
-    if not quiet:
-        sinks.append(Console(settings.budget))
-    folder = run_folder(config, task, tuner)
+    run = Run(
+        identity={"task": task, "tuner": tuner, "seed": config["seed"]},
+        config=config,
+        command=command,
+        task=the_task,
+        tuner=build.build_tuner(config["tuner"], the_task, settings),
+        executor=build.build_executor(config),
+        settings=settings,
+        sinks=[*build.build_sinks(config), Console(settings.budget)],
+    )
+    return execute(run, run_folder(config, task, tuner))
+
+
+def execute(run: Run, folder: Path) -> dict[str, Any]:
+    """Carry out `run` in `folder`, by the `resume` of its config; return `result.json`'s content.
+
+    Raises:
+        RunFolderError: If the folder holds another run, is damaged or in use.
+        KeyboardInterrupt: If a signal stopped the run; its checkpoint is written.
+    """
     _make(folder)
     with _locked(folder):
-        if _prepare(folder, config) and not quiet:
+        if _prepare(folder, run.config):
             print(f"{folder}: done already; resume=overwrite starts anew")
-        if records.is_done(folder):
             return records.read_result(folder)
-        identity = {"task": task, "tuner": tuner, "seed": config["seed"]}
-        run = _run_record(identity, config, command, the_task, the_tuner)
-        log = RunLog(folder, run, sinks)
+        log = RunLog(folder, _run_record(run), run.sinks)
         try:
-            executor.start(the_task, settings.lanes, settings.seed)
+            run.executor.start(run.task, run.settings.lanes, run.settings.seed)
             with _stop_on_signal() as stop:
-                trainer = Trainer(the_task, the_tuner, executor, settings, log, stop)
+                trainer = Trainer(run.task, run.tuner, run.executor, run.settings, log, stop)
                 return trainer.run()
         except Interrupted:
             print(f"stopped; the same command goes on from {folder}", file=sys.stderr)
             raise KeyboardInterrupt from None
         finally:
-            executor.close()
+            run.executor.close()
             log.close()
 
 
@@ -159,30 +195,28 @@ def _stop_on_signal() -> Iterator[Any]:
             signal.signal(number, handler)
 
 
-def _run_record(
-    identity: Mapping[str, Any],
-    config: Mapping[str, Any],
-    command: Sequence[str],
-    task: Task,
-    tuner: Tuner,
-) -> dict[str, Any]:
+def _run_record(run: Run) -> dict[str, Any]:
     """Return the content of `run.json`."""
+    nominal = run.task.nominal
     return {
         "format": records.FORMAT,
-        **identity,
-        "variant": config["variant"],
-        "config": dict(config),
-        "config_hash": records.config_hash(config),
-        "command": list(command),
-        "tuner_choices": tuner.describe(),
-        "parameters": [asdict(p) for p in task.space.parameters],
-        "nominal": None if task.nominal is None else dict(task.nominal),
+        **run.identity,
+        "variant": run.config["variant"],
+        "config": dict(run.config),
+        "config_hash": records.config_hash(run.config),
+        "command": list(run.command),
+        "tuner_choices": run.tuner.describe(),
+        "parameters": [asdict(p) for p in run.task.space.parameters],
+        "nominal": None if nominal is None else dict(nominal),
         "versions": {"python": platform.python_version(), **_versions()},
         "commit": _commit(),
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "machine": {"system": platform.platform(), "processor": platform.machine(),
-                    "cores": os.cpu_count()},
-    }  # fmt: skip
+        "machine": {
+            "system": platform.platform(),
+            "processor": platform.machine(),
+            "cores": os.cpu_count(),
+        },
+    }
 
 
 def _versions() -> dict[str, str]:

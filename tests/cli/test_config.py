@@ -34,7 +34,7 @@ def test_every_choice_of_every_group_composes_and_builds(group, name):
 @pytest.mark.parametrize("task", names("task"))
 def test_every_tuner_is_built_for_every_task(tuner, task):
     config = resolved(compose_config([f"tuner={tuner}", f"task={task}"]))
-    built = build.build_tuner(config, build.build_task(config), build.build_settings(config))
+    built = build.build_tuner(config["tuner"], build.build_task(config), build.build_settings(config))
     assert all(isinstance(key, str) for key in built.describe())
 
 
@@ -96,7 +96,7 @@ def test_a_bad_value_is_named(override, message):
         config = resolved(compose_config(sorted(override.split())))
         settings = build.build_settings(config)
         build.build_executor(config)
-        build.build_tuner(config, build.build_task(config), settings)
+        build.build_tuner(config["tuner"], build.build_task(config), settings)
 
 
 def test_a_variant_is_what_the_overrides_change_beyond_identity():

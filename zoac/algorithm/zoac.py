@@ -16,12 +16,19 @@ from zoac.algorithm.adam import Adam
 from zoac.algorithm.advantage import estimate
 from zoac.algorithm.critic import Critic
 from zoac.algorithm.gradient import standardised, zeroth_order_gradient
+from zoac.errors import ConfigError
 from zoac.rollout import Proposal, Segment
 from zoac.tuner import Problem, Tuner
 
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+_STARTS = {
+    "random": "uniform in the mapped box, from the seed",
+    "nominal": "the task's nominal parameters",
+}
 
 
 class Zoac(Tuner):
@@ -38,6 +45,7 @@ class Zoac(Tuner):
         step_size_end: Positive,
         step_size_slope: Annotated[float, Field(ge=0)],
         anneal: bool = True,
+        start: Literal["random", "nominal"] = "random",
         gamma: Fraction = 0.99,
         lam: Fraction = 0.95,
         hidden: Sequence[Count] = (256, 256),
@@ -62,6 +70,7 @@ class Zoac(Tuner):
             step_size_end: Step size at which annealing stops.
             step_size_slope: Decrease of the step size per iteration.
             anneal: False keeps the first step size (the authors' code).
+            start: Begin anywhere in the box (the paper), or at the task's nominal parameters.
             gamma: Discount factor.
             lam: lambda of generalised advantage estimation.
             hidden: Widths of the critic's hidden layers.
@@ -98,7 +107,12 @@ class Zoac(Tuner):
             target_scale=critic_target_scale,
         )
         dimension = problem.space.dimension
+        self._start = start
         self._theta = self._rng.uniform(-1.0, 1.0, dimension)  # theta_m
+        if start == "nominal":
+            if problem.nominal is None:
+                raise ConfigError("tuner.start=nominal: this task has no nominal parameters")
+            self._theta = problem.nominal.copy()
         self._average = self._theta.copy()
         self._adam = Adam(dimension)
         self._iteration = 0
@@ -194,7 +208,7 @@ class Zoac(Tuner):
     def describe(self) -> dict[str, Any]:
         """Return the choices that a comparison must show."""
         return {
-            "start": "uniform in the mapped box, from the seed",
+            "start": _STARTS[self._start],
             "noise_model": f"advantages from a critic; perturbation {self._sigma:g}",
             "recommendation": {
                 "last": "last iterate",

@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+
+import zoac
+from tests.core.test_adapters import Drift, Integrator
+from zoac.errors import ConfigError
+
+SMALL = {"lanes": 2, "episodes": 2, "final_episodes": 4, "quiet": True, "max_episode_steps": 20}
+
+
+def proportional(params, obs):
+    return -params["k"] * obs[0]
+
+
+def tune(**changes):
+    return zoac.tune(**{
+        "env": Drift, "controller": proportional, "space": {"k": (0, 2)}, "budget": 400, **SMALL,
+        **changes,
+    })  # fmt: skip
+
+
+def test_tunes_a_function_on_an_environment():
+    """Noise alone costs least when each step undoes what the last one left: k = 1."""
+    result = tune(tuner="random", budget=2500, seed=1)
+    assert result.parameters["k"] == pytest.approx(1.0, abs=0.35)
+    assert set(result.history["kind"]) == {"train", "eval"}
+    assert result.cost_mean == pytest.approx(np.mean(result.cost_per_episode))
+
+
+@pytest.mark.parametrize("tuner", ["zoac", "random"])
+def test_the_same_call_gives_the_same_bits(tuner):
+    assert tune(tuner=tuner).parameters == tune(tuner=tuner).parameters
+
+
+def test_processes_give_the_bits_of_serial():
+    alone = tune(controller=Integrator())
+    assert tune(controller=Integrator(), executor="process").parameters == alone.parameters
+
+
+def test_start_values_are_where_zoac_begins_and_are_reported():
+    result = tune(space={"k": {"low": 0, "high": 2, "start": 1.5}}, budget=0)
+    assert result.parameters["k"] == pytest.approx(1.5)
+    assert result.start_cost_mean == pytest.approx(result.cost_mean)
+
+
+def test_a_folder_makes_a_run_that_is_not_done_twice(tmp_path, capsys):
+    first = tune(folder=tmp_path / "run")
+    second = tune(folder=tmp_path / "run")
+    assert second.parameters == first.parameters
+    assert "done already" in capsys.readouterr().out
+
+
+def test_a_built_in_task_by_name():
+    result = zoac.tune(
+        task="pid_acc", budget=400, lanes=2, episodes=1, final_episodes=2, quiet=True
+    )
+    assert set(result.parameters) == {"k", "Kp", "Ki", "Kd"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"tuner": "zoca"}, "did you mean 'zoac'"),
+        ({"tuner_options": {"sgima": 1}}, "did you mean 'sigma'"),
+        ({"tuner_options": {"sigma": -1}}, "tuner.sigma=-1"),
+        ({"budget": -5}, "budget=-5"),
+        ({"controller": None}, "needs a task, or all of env, controller and space"),
+        ({"task": "pid_acc"}, "either task or env"),
+        ({"space": {"k": {"low": 0, "high": 2, "start": 9}}}, "'k': 9.0 lies outside"),
+    ],
+)
+def test_what_cannot_be_used_is_named(changes, message):
+    with pytest.raises(ConfigError, match=message):
+        tune(**changes)
+
+
+def test_task_options_get_the_nearest():
+    with pytest.raises(ConfigError, match="did you mean 'jerk'"):
+        zoac.make_task("pid_acc", jrek="rate")
+    assert zoac.make_task("pid_acc", jerk="increment").space.names == ("k", "Kp", "Ki", "Kd")

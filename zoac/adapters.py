@@ -1,0 +1,277 @@
+"""A user's own single-lane environment and controller, as lanes."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Discrete
+
+from zoac.environment import LaneEnv
+from zoac.errors import ConfigError, EnvironmentContractError
+from zoac.parameters import Parameter, ParameterSpace
+from zoac.task import Controller, Diagnostics, Memory, Metric, Parameters, Task
+
+EnvSource = str | gymnasium.Env | Callable[[], gymnasium.Env]
+
+
+class GymnasiumLanes(LaneEnv):
+    """n copies of a `gymnasium.Env`, stepped one after the other.
+
+    The cost of a step is `info["cost"]` if the environment gives one, else the negative reward.
+    A lane is saved by a deep copy of its environment.
+    """
+
+    def __init__(self, envs: Sequence[gymnasium.Env], max_episode_steps: int | None) -> None:
+        """
+        Args:
+            envs: One environment a lane.
+            max_episode_steps: Cut episodes here; None: where the environment's own limit does.
+
+        Raises:
+            ConfigError: If its spaces are of a kind that cannot be tuned on.
+        """
+        first = envs[0]
+        if not isinstance(first.observation_space, Box):
+            raise ConfigError(
+                f"the environment's observations are {first.observation_space}; expected a Box "
+                "(wrap it, for instance with gymnasium.wrappers.FlattenObservation)"
+            )
+        size = int(np.prod(first.observation_space.shape))
+        observations = Box(-np.inf, np.inf, (size,), np.float64)
+        self._discrete = isinstance(first.action_space, Discrete)
+        if self._discrete:
+            actions = Box(-np.inf, np.inf, (1,), np.float64)
+        elif isinstance(first.action_space, Box):
+            flat = int(np.prod(first.action_space.shape))
+            actions = Box(-np.inf, np.inf, (flat,), np.float64)
+        else:
+            raise ConfigError(
+                f"the environment's actions are {first.action_space}; expected a Box or Discrete"
+            )
+        limit = max_episode_steps or (first.spec.max_episode_steps if first.spec else None)
+        super().__init__(len(envs), observations, actions, limit or np.iinfo(np.int64).max)
+        self._envs = list(envs)
+        self._seen = np.zeros((len(envs), size))
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """See `LaneEnv.reset`."""
+        options = dict(options or {})
+        mask = options.pop("reset_mask", None)
+        if isinstance(seed, (int, np.integer)):
+            seeds: Sequence[int | None] = [int(seed) + i for i in range(self.num_envs)]
+        else:
+            seeds = seed or [None] * self.num_envs
+        lanes = range(self.num_envs) if mask is None else np.flatnonzero(mask).tolist()
+        for lane in lanes:
+            lane_seed = seeds[lane]
+            # Many environments hand their seed to libraries that take 32 bits.
+            short = None if lane_seed is None else int(lane_seed) % 2**31
+            observation, _ = self._envs[lane].reset(seed=short, options=options or None)
+            self._see(lane, observation)
+            self._steps[lane] = 0
+        return self._seen.copy(), {}
+
+    def step(
+        self, actions: np.ndarray, mask: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """See `LaneEnv.step`."""
+        n = self.num_envs
+        cost, terminated, truncated = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
+        for lane in range(n) if mask is None else np.flatnonzero(mask).tolist():
+            result = self._envs[lane].step(self._action(actions[lane]))
+            observation, reward, terminated[lane], cut, info = result
+            self._see(lane, observation)
+            cost[lane] = info.get("cost", -float(reward))
+            self._steps[lane] += 1
+            over_time = self._steps[lane] >= self.max_episode_steps
+            truncated[lane] = (cut or over_time) and not terminated[lane]
+        return self._seen.copy(), -cost, terminated, truncated, {"cost": cost}
+
+    def _action(self, action: np.ndarray) -> Any:
+        space = self._envs[0].action_space
+        if self._discrete:
+            assert isinstance(space, Discrete)
+            return int(space.start + np.clip(round(float(action[0])) - space.start, 0, space.n - 1))
+        assert isinstance(space, Box)
+        return np.clip(action.reshape(space.shape), space.low, space.high).astype(space.dtype)
+
+    def _see(self, lane: int, observation: Any) -> None:
+        flat = np.asarray(observation, dtype=np.float64).reshape(-1)
+        if flat.shape != self._seen[lane].shape:
+            raise EnvironmentContractError(
+                f"the environment returned an observation of {flat.size} numbers, expected "
+                f"{self._seen.shape[1]} as its observation_space says"
+            )
+        self._seen[lane] = flat
+
+    def state(self, lanes: Sequence[int] | np.ndarray) -> dict[str, Any]:
+        """See `LaneEnv.state`."""
+        return {
+            "envs": [copy.deepcopy(self._envs[lane]) for lane in np.asarray(lanes).tolist()],
+            "seen": self._seen[lanes].copy(),
+            "steps": self._steps[lanes].copy(),
+        }
+
+    def restore(self, lanes: Sequence[int] | np.ndarray, state: dict[str, Any]) -> np.ndarray:
+        """See `LaneEnv.restore`."""
+        for lane, env in zip(np.asarray(lanes).tolist(), state["envs"], strict=True):
+            self._envs[lane] = copy.deepcopy(env)
+        self._seen[lanes] = state["seen"]
+        self._steps[lanes] = state["steps"]
+        return self._seen.copy()
+
+    def close(self, **kwargs: Any) -> None:
+        """Close every environment."""
+        for env in self._envs:
+            env.close()
+
+
+class ScalarController:
+    """`act(params, obs)` for one lane, as a `Controller`.
+
+    What has a method `act` may keep state in its attributes and begin an episode in `reset()`; it
+    is then copied before every call, so that lanes, saved states and branches stay apart.
+    """
+
+    def __init__(self, controller: Any, fixed: Mapping[str, float]) -> None:
+        """
+        Args:
+            controller: A function `act(params, obs)`, or an object with such a method, where
+                params is {name: number} and obs (o,); returns a number or an array (m,).
+            fixed: Parameters that are not tuned, handed on with the others.
+        """
+        self._controller = controller
+        self._fixed = dict(fixed)
+        self._remembers = hasattr(controller, "act")
+
+    def init(self, n: int) -> Memory:
+        """Return one fresh controller a lane, if it may remember."""
+        if not self._remembers:
+            return {}
+        fresh = np.empty(n, dtype=object)
+        for lane in range(n):
+            fresh[lane] = copy.deepcopy(self._controller)
+            if hasattr(fresh[lane], "reset"):
+                fresh[lane].reset()
+        return {"controller": fresh}
+
+    def act(
+        self, params: Parameters, obs: np.ndarray, memory: Memory
+    ) -> tuple[np.ndarray, Memory, Diagnostics]:
+        """See `Controller.act`."""
+        following = np.empty(len(obs), dtype=object)
+        actions = []
+        for lane in range(len(obs)):
+            values = {name: float(value[lane]) for name, value in params.items()}
+            act = self._controller
+            if self._remembers:
+                following[lane] = copy.deepcopy(memory["controller"][lane])
+                act = following[lane].act
+            action = act({**values, **self._fixed}, obs[lane].copy())
+            actions.append(np.atleast_1d(np.asarray(action, dtype=np.float64)).reshape(-1))
+        return np.stack(actions), {"controller": following} if self._remembers else {}, {}
+
+
+class UserTask(Task):
+    """A task from a user's environment, controller and bounds."""
+
+    def __init__(
+        self,
+        env: EnvSource,
+        controller: Any,
+        space: ParameterSpace,
+        fixed: Mapping[str, float] | None = None,
+        start: Mapping[str, float] | None = None,
+        metrics: Sequence[Metric] = (),
+        max_episode_steps: int | None = None,
+    ) -> None:
+        """
+        Args:
+            env: A Gymnasium id, a function that makes an environment, or an environment, which is
+                then copied for every lane.
+            controller: A batched `Controller` (it has `init`), or see `ScalarController`.
+            space: What is tuned.
+            fixed: Parameters that are not.
+            start: Today's values, for comparison and as a start.
+            metrics: Reported beside the cost.
+            max_episode_steps: Cut episodes here.
+        """
+        self._env, self._controller, self._fixed = env, controller, dict(fixed or {})
+        self.space, self.metrics = space, tuple(metrics)
+        self.nominal = dict(start) if start is not None else None
+        self._max_episode_steps = max_episode_steps
+
+    def make_env(self, n: int) -> GymnasiumLanes:
+        """Return `n` environments as lanes."""
+        return GymnasiumLanes([self._one_env() for _ in range(n)], self._max_episode_steps)
+
+    def _one_env(self) -> gymnasium.Env:
+        if isinstance(self._env, str):
+            return gymnasium.make(self._env)
+        if isinstance(self._env, gymnasium.Env):
+            return copy.deepcopy(self._env)
+        return self._env()
+
+    def make_controller(self) -> Controller:
+        """Return the user's controller."""
+        if hasattr(self._controller, "init") and hasattr(self._controller, "act"):
+            return self._controller
+        return ScalarController(self._controller, self._fixed)
+
+
+def parse_space(
+    space: ParameterSpace | Mapping[str, Any],
+) -> tuple[ParameterSpace, dict[str, float], dict[str, float]]:
+    """Return the space, the fixed parameters and the start values that a dict describes.
+
+    Args:
+        space: A `ParameterSpace`, or by name: `(low, high)`, `(low, high, "log")`,
+            `{"low": ..., "high": ..., "scale": ..., "unit": ..., "start": ...}`, or one number,
+            which is fixed.
+
+    Raises:
+        ConfigError: If an entry is none of these.
+    """
+    if isinstance(space, ParameterSpace):
+        return space, {}, {}
+    parameters: list[Parameter] = []
+    fixed: dict[str, float] = {}
+    start: dict[str, float] = {}
+    for name, entry in space.items():
+        if isinstance(entry, (int, float)):
+            fixed[name] = float(entry)
+        elif isinstance(entry, Mapping):
+            entry = dict(entry)
+            if "start" in entry:
+                start[name] = float(entry.pop("start"))
+            parameters.append(_parameter(name, entry))
+        elif isinstance(entry, Sequence) and not isinstance(entry, str):
+            parameters.append(_parameter(name, dict(zip(_FIELDS, entry, strict=False))))
+        else:
+            raise ConfigError(
+                f"space[{name!r}]={entry!r}: expected (low, high), (low, high, 'log'), a dict or "
+                "a number"
+            )
+    return ParameterSpace(parameters), fixed, start
+
+
+_FIELDS = ("low", "high", "scale", "unit")
+
+
+def _parameter(name: str, fields: Mapping[str, Any]) -> Parameter:
+    try:
+        return Parameter(name=name, **fields)
+    except TypeError:
+        raise ConfigError(
+            f"space[{name!r}]={dict(fields)!r}: expected low and high, and if wanted "
+            "scale ('linear' or 'log'), unit, start"
+        ) from None
