@@ -18,50 +18,51 @@ from numba import njit
 from zoac.mpc.solvers.base import Sparsity
 from zoac.tasks.mpc_tracking.path import STEP
 
+State = tuple[float, float, float, float, float, float]
+Theta = tuple[float, float, float, float, float, float]
+
 STATES = ("x", "y", "phi", "u", "v", "omega")
 INPUTS = ("delta", "a")
 INPUT_HIGH = np.array([2 * math.pi / 15, 3.0])
 INPUT_LOW = -INPUT_HIGH
-TRUE_PARAMETERS = np.array([1536.7, -128916.0, -85944.0, 1.06, 1.85, 1412.0])
+TRUE_PARAMETERS: Theta = (1536.7, -128916.0, -85944.0, 1.06, 1.85, 1412.0)
 """I_z, k_f, k_r, l_f, l_r, m of the plant (Table I)."""
 
 
-@njit(cache=True)
-def advance(
-    theta: np.ndarray, state: np.ndarray, delta: float, a: float, after: np.ndarray
-) -> None:
-    """Write F_theta(state, (delta, a)) (6,) into `after`: the paper's predictive model."""
+@njit(cache=True, error_model="numpy")
+def advance(theta: Theta, state: State, delta: float, a: float) -> State:
+    """Return F_theta(state, (delta, a)): the paper's predictive model."""
     inertia, k_f, k_r, l_f, l_r, m = theta
     x, y, phi, u, v, omega = state
     cos, sin = math.cos(phi), math.sin(phi)
-    after[0] = x + STEP * (u * cos - v * sin)
-    after[1] = y + STEP * (v * cos + u * sin)
-    after[2] = phi + STEP * omega
-    after[3] = u + STEP * a
     moment = l_f * k_f - l_r * k_r
-    after[4] = (
+    lateral = (
         m * u * v + STEP * moment * omega - STEP * k_f * delta * u - STEP * m * u * u * omega
     ) / (m * u - STEP * (k_f + k_r))
-    after[5] = (inertia * u * omega + STEP * moment * v - STEP * l_f * k_f * delta * u) / (
+    yaw = (inertia * u * omega + STEP * moment * v - STEP * l_f * k_f * delta * u) / (
         inertia * u - STEP * (l_f * l_f * k_f + l_r * l_r * k_r)
+    )
+    return (
+        x + STEP * (u * cos - v * sin),
+        y + STEP * (v * cos + u * sin),
+        phi + STEP * omega,
+        u + STEP * a,
+        lateral,
+        yaw,
     )
 
 
-@njit(cache=True)
-def jacobians(
-    theta: np.ndarray,
-    state: np.ndarray,
-    delta: float,
-    after: np.ndarray,
-    a: np.ndarray,
-    b: np.ndarray,
+@njit(cache=True, error_model="numpy")
+def write_jacobians(
+    theta: Theta, state: State, delta: float, after: State, a: np.ndarray, b: np.ndarray
 ) -> None:
     """Write dF/dX (6, 6) into `a` and dF/dU (6, 2) into `b`; `after` is F at the same point.
 
-    Entries that are always zero (`SPARSITY`) are left as they are.
+    Entries that are always zero (`BicycleModel.sparsity`) are left as they are.
     """
     inertia, k_f, k_r, l_f, l_r, m = theta
     _, _, phi, u, v, omega = state
+    _, _, _, _, v_after, omega_after = after
     cos, sin = math.cos(phi), math.sin(phi)
     moment = l_f * k_f - l_r * k_r
     a[0, 0] = 1.0
@@ -78,35 +79,47 @@ def jacobians(
     b[3, 1] = STEP
     # The last two rows are quotients p/q: (p/q)' = (p' - (p/q) q') / q.
     q = m * u - STEP * (k_f + k_r)
-    a[4, 3] = (m * v - STEP * k_f * delta - 2.0 * STEP * m * u * omega - after[4] * m) / q
+    a[4, 3] = (m * v - STEP * k_f * delta - 2.0 * STEP * m * u * omega - v_after * m) / q
     a[4, 4] = m * u / q
     a[4, 5] = STEP * (moment - m * u * u) / q
     b[4, 0] = -STEP * k_f * u / q
     q = inertia * u - STEP * (l_f * l_f * k_f + l_r * l_r * k_r)
-    a[5, 3] = (inertia * omega - STEP * l_f * k_f * delta - after[5] * inertia) / q
+    a[5, 3] = (inertia * omega - STEP * l_f * k_f * delta - omega_after * inertia) / q
     a[5, 4] = STEP * moment / q
     a[5, 5] = inertia * u / q
     b[5, 0] = -STEP * l_f * k_f * u / q
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def six(values: np.ndarray) -> State:
+    """Return the entries of an array (6,) as a tuple: numbers, not a view, inside the loops."""
+    return (values[0], values[1], values[2], values[3], values[4], values[5])
+
+
+@njit(cache=True, error_model="numpy")
 def _roll_out_and_linearise(
     theta: np.ndarray, inputs: np.ndarray, states: np.ndarray, a: np.ndarray, b: np.ndarray
 ) -> None:
     for lane in range(len(inputs)):
+        model = six(theta[lane])
+        state = six(states[lane, 0])
         for k in range(inputs.shape[1]):
-            delta, acceleration = inputs[lane, k]
-            before, after = states[lane, k], states[lane, k + 1]
-            advance(theta[lane], before, delta, acceleration, after)
-            jacobians(theta[lane], before, delta, after, a[lane, k], b[lane, k])
+            delta = inputs[lane, k, 0]
+            after = advance(model, state, delta, inputs[lane, k, 1])
+            write_jacobians(model, state, delta, after, a[lane, k], b[lane, k])
+            for i in range(6):
+                states[lane, k + 1, i] = after[i]
+            state = after
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _advance_lanes(
     theta: np.ndarray, states: np.ndarray, inputs: np.ndarray, after: np.ndarray
 ) -> None:
     for lane in range(len(states)):
-        advance(theta[lane], states[lane], inputs[lane, 0], inputs[lane, 1], after[lane])
+        reached = advance(six(theta[lane]), six(states[lane]), inputs[lane, 0], inputs[lane, 1])
+        for i in range(6):
+            after[lane, i] = reached[i]
 
 
 class BicycleModel:

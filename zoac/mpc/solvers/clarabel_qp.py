@@ -7,16 +7,18 @@ product, an update of Clarabel's data in place, and Clarabel's own solve.
 
 from __future__ import annotations
 
+from array import array
 from typing import Annotated, Any
 
 import clarabel
 import cvxpy as cp
 import numpy as np
 import scipy.sparse as sparse
+from numba import njit
 from pydantic import Field
 
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
-from zoac.mpc.solvers.statement import Layout, parameter_values, state_problem
+from zoac.mpc.solvers.statement import Layout, state_problem, write_parameters
 
 _STATUS = {
     "Solved": Status.SOLVED,
@@ -29,60 +31,52 @@ _STATUS = {
 class ClarabelSolver:
     """The default solver: an interior-point method, one lane after the other.
 
-    The numbers that Clarabel scales the problem by are computed when its solver object is made,
-    and an update keeps them. So the object is made from data that depend on the layout alone:
-    what it returns does not depend on what it solved before.
+    Clarabel scales a problem when its solver object is made, and an update keeps that scaling.
+    So the object is made from numbers that depend on the layout alone: what it returns does not
+    depend on what it solved before. A careful solve makes an object for each problem, scaled
+    by that problem's own numbers, and refines its linear solves.
 
     Args:
         tolerance: On the duality gap and the residuals.
         max_iterations: Limit on interior-point iterations.
-        step_fraction: How far towards the boundary of the cone a step may go. A careful solve
-            takes Clarabel's default, 0.99, and refines its linear solves.
     """
 
     def __init__(
         self,
         tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-10,
         max_iterations: Annotated[int, Field(ge=1)] = 200,
-        step_fraction: Annotated[float, Field(gt=0, lt=1)] = 0.999,
     ) -> None:
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        self.step_fraction = step_fraction
-        self._forms: dict[Layout, _CanonicalForm] = {}
-        self._solvers: dict[tuple[Layout, bool], Any] = {}
+        self._prepared: dict[Layout, tuple[_CanonicalForm, Any]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Clarabel's objects cannot be pickled; the copy makes its own.
-        return type(self), (self.tolerance, self.max_iterations, self.step_fraction)
+        return type(self), (self.tolerance, self.max_iterations)
 
     def solve(self, problem: LinearisedProblem, careful: bool = False) -> Solution:
         """Solve the n problems; see `Solver`."""
         layout = Layout.of(problem)
-        form, solver = self._prepared(layout, careful)
+        if layout not in self._prepared:
+            form = _CanonicalForm(layout)
+            self._prepared[layout] = form, form.make_solver(form.neutral(), self._settings(False))
+        form, solver = self._prepared[layout]
         n, horizon, nu = problem.inputs.shape
         plans = np.empty((n, nu, horizon))
         status = np.empty(n, dtype=np.int8)
         iterations = np.empty(n, dtype=np.int64)
-        # Lists: Clarabel reads its data number by number, from arrays at twice the cost.
-        data = [piece.tolist() for piece in form.data(problem)]
-        for lane, (p, a, b) in enumerate(zip(*data, strict=True)):
-            solver.update(P=p, A=a, b=b)
+        for lane, numbers in enumerate(form.data(problem)):
+            if careful:
+                solver = form.make_solver(numbers, self._settings(True))
+            else:
+                p, a, b = form.split(numbers)
+                solver.update(P=_plain(p), A=_plain(a), b=_plain(b))
             answer = solver.solve()
             plans[lane].flat = answer.x[form.inputs]
             status[lane] = _STATUS.get(str(answer.status), Status.NUMERICAL_FAILURE)
             iterations[lane] = answer.iterations
         inputs = np.clip(plans.transpose(0, 2, 1), problem.input_low, problem.input_high)
         return Solution(np.ascontiguousarray(inputs), status, iterations)
-
-    def _prepared(self, layout: Layout, careful: bool) -> tuple[_CanonicalForm, Any]:
-        if layout not in self._forms:
-            self._forms[layout] = _CanonicalForm(layout)
-        form = self._forms[layout]
-        key = (layout, careful)
-        if key not in self._solvers:
-            self._solvers[key] = form.make_solver(self._settings(careful))
-        return form, self._solvers[key]
 
     def _settings(self, careful: bool) -> Any:
         settings = clarabel.DefaultSettings()
@@ -91,11 +85,14 @@ class ClarabelSolver:
         settings.presolve_enable = False  # would refuse updates after removing a row
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = self.tolerance
         settings.max_iter = self.max_iterations
-        # Refinement costs a third of the time and gains nothing on this sparse form.
+        # Refinement costs a third of the time and gains next to nothing on this sparse form.
         settings.iterative_refinement_enable = careful
-        if not careful:
-            settings.max_step_fraction = self.step_fraction
         return settings
+
+
+def _plain(values: np.ndarray) -> array[float]:
+    """Return `values` as Clarabel reads them fastest: one number after the other."""
+    return array("d", values.tobytes())
 
 
 class _CanonicalForm:
@@ -112,8 +109,10 @@ class _CanonicalForm:
         data, _, _ = statement.problem.get_problem_data(cp.CLARABEL, solver_opts={})
         program = data["param_prob"]
         column = program.param_id_to_col
-        self._dynamics = slice(column[statement.dynamics.id], None)
-        self._weights = slice(column[statement.weights.id], None)
+        self._dynamics, self._weights = (
+            slice(column[parameter.id], column[parameter.id] + parameter.size)
+            for parameter in (statement.dynamics, statement.weights)
+        )
         # The columns of [A | b], b last, share one sparse pattern; CVXPY's A is minus Clarabel's.
         rows, starts, (self._rows, columns) = program.reduced_A.problem_data_index
         variables = columns - 1
@@ -127,7 +126,7 @@ class _CanonicalForm:
             shape=(self._rows, len(rows) - entries),
         )
         self._map = sparse.vstack([map_p, -map_ab[:entries], place @ map_ab[entries:]], "csr")
-        self._cuts = np.cumsum([map_p.shape[0], entries])
+        self._cuts = (map_p.shape[0], map_p.shape[0] + int(entries))
         self._variables = variables
         self._cones = [
             clarabel.ZeroConeT(data["dims"].zero),
@@ -137,21 +136,33 @@ class _CanonicalForm:
         self.inputs = slice(first, first + layout.horizon * layout.nu)
         """Where the inputs stand in x: component by component, each over the horizon."""
 
-    def data(self, problem: LinearisedProblem) -> list[np.ndarray]:
-        """Return the nonzeros of P and of A, and b, each with n rows."""
-        return self._data(*parameter_values(problem, self._layout))
+    def data(self, problem: LinearisedProblem) -> np.ndarray:
+        """Return the nonzeros of P, those of A, and b, in one row for each of the n problems."""
+        parameters = np.ones((len(problem.a), self._map.shape[1]))
+        write_parameters(
+            problem, self._layout, parameters[:, self._dynamics], parameters[:, self._weights]
+        )
+        return self._product(parameters)
 
-    def _data(self, dynamics: np.ndarray, weights: np.ndarray) -> list[np.ndarray]:
-        parameters = np.ones((self._map.shape[1], len(dynamics)))
-        parameters[self._dynamics][: dynamics.shape[1]] = dynamics.T
-        parameters[self._weights][: weights.shape[1]] = weights.T
-        return np.split((self._map @ parameters).T, self._cuts, axis=1)
+    def split(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Cut a row of `data` into the nonzeros of P, those of A, and b."""
+        first, second = self._cuts
+        return numbers[:first], numbers[first:second], numbers[second:]
 
-    def make_solver(self, settings: Any) -> Any:
-        """Return a Clarabel solver whose scaling depends on the layout alone."""
-        dynamics = np.ones((1, self._layout.dynamics_size))
-        weights = np.full((1, self._layout.weights_size), 0.1)
-        p, a, b = (piece[0] for piece in self._data(dynamics, weights))
+    def neutral(self) -> np.ndarray:
+        """Return a row of `data` that stands for every problem of this layout."""
+        parameters = np.ones((1, self._map.shape[1]))
+        parameters[:, self._weights] = 0.1
+        return self._product(parameters)[0]
+
+    def _product(self, parameters: np.ndarray) -> np.ndarray:
+        numbers = np.empty((len(parameters), self._map.shape[0]))
+        _multiply(self._map.indptr, self._map.indices, self._map.data, parameters, numbers)
+        return numbers
+
+    def make_solver(self, numbers: np.ndarray, settings: Any) -> Any:
+        """Return a Clarabel solver that holds a row of `data` and is scaled by it."""
+        p, a, b = self.split(numbers)
         square = (self._variables, self._variables)
         tall = (self._rows, self._variables)
         return clarabel.DefaultSolver(
@@ -162,3 +173,20 @@ class _CanonicalForm:
             self._cones,
             settings,
         )
+
+
+@njit(cache=True)
+def _multiply(
+    starts: np.ndarray,
+    columns: np.ndarray,
+    values: np.ndarray,
+    vectors: np.ndarray,
+    products: np.ndarray,
+) -> None:
+    """Write matrix (r, c) @ vectors[lane] (c,) into products[lane] (r,); the matrix is sparse."""
+    for lane in range(len(vectors)):
+        for row in range(len(starts) - 1):
+            total = 0.0
+            for entry in range(starts[row], starts[row + 1]):
+                total += values[entry] * vectors[lane, columns[entry]]
+            products[lane, row] = total

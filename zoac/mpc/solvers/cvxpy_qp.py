@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
-from zoac.mpc.solvers.statement import Layout, Statement, parameter_values, state_problem
+from zoac.mpc.solvers.statement import Layout, Statement, state_problem, write_parameters
 
 _STATUS = {
     cp.OPTIMAL: Status.SOLVED,
@@ -49,10 +49,12 @@ class CvxpySolver:
         inputs = np.zeros_like(problem.inputs)
         status = np.empty(len(inputs), dtype=np.int8)
         iterations = np.zeros(len(inputs), dtype=np.int64)
-        numbers = zip(*parameter_values(problem, layout), strict=True)
-        for lane, (dynamics, weights) in enumerate(numbers):
-            statement.dynamics.value = dynamics
-            statement.weights.value = weights
+        dynamics = np.empty((len(inputs), layout.dynamics_size))
+        weights = np.empty((len(inputs), layout.weights_size))
+        write_parameters(problem, layout, dynamics, weights)
+        for lane in range(len(inputs)):
+            statement.dynamics.value = dynamics[lane]
+            statement.weights.value = weights[lane]
             status[lane] = self._solve_one(statement.problem, careful)
             if status[lane] != Status.NUMERICAL_FAILURE:
                 inputs[lane] = statement.inputs.value
@@ -67,7 +69,8 @@ class CvxpySolver:
             try:
                 problem.solve(
                     solver=cp.CLARABEL,
-                    warm_start=False,  # would keep the solver, and with it the last problem's scaling
+                    # A warm start would keep the solver, and with it the last problem's scaling.
+                    warm_start=False,
                     max_iter=self.max_iterations * (10 if careful else 1),
                     **tolerances,
                 )

@@ -16,12 +16,13 @@ diagonal and linear in the weights, so that a new problem is only new numbers (D
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cvxpy as cp
 import numpy as np
 from numba import njit
 
-from zoac.mpc.solvers.base import LinearisedProblem, Sparsity
+from zoac.mpc.solvers.base import LinearisedProblem
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +47,10 @@ class Layout:
     def of(cls, problem: LinearisedProblem) -> Layout:
         """Return the layout of `problem`."""
         _, horizon, nx, nu = problem.b.shape
-        sparsity = problem.sparsity or Sparsity(np.ones((nx, nx), bool), np.ones((nx, nu), bool))
-        a, b = (
-            tuple((int(i), int(j)) for i, j in np.argwhere(mask))
-            for mask in (sparsity.a, sparsity.b)
-        )
-        return cls(horizon, nx, nu, a, b)
+        sparsity = problem.sparsity
+        if sparsity is None:
+            return _layout(horizon, nx, nu, b"\1" * (nx * nx), b"\1" * (nx * nu))
+        return _layout(horizon, nx, nu, sparsity.a.tobytes(), sparsity.b.tobytes())
 
     @property
     def dynamics_size(self) -> int:
@@ -64,6 +63,14 @@ class Layout:
     def weights_size(self) -> int:
         """Length of the parameter `weights`."""
         return (self.nx + self.nu) * self.horizon
+
+
+@lru_cache
+def _layout(horizon: int, nx: int, nu: int, a: bytes, b: bytes) -> Layout:
+    def entries(mask: bytes, columns: int) -> tuple[tuple[int, int], ...]:
+        return tuple(divmod(place, columns) for place, nonzero in enumerate(mask) if nonzero)
+
+    return Layout(horizon, nx, nu, entries(a, nx), entries(b, nu))
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,31 +147,36 @@ class _Slices:
         return piece if shape is None else cp.reshape(piece, shape, order="F")
 
 
-def parameter_values(problem: LinearisedProblem, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values (n, ...) of `dynamics` and `weights` for each of the n problems."""
-    n = len(problem.a)
-    dynamics = np.empty((n, layout.dynamics_size))
-    weights = np.empty((n, layout.weights_size))
-    _write_dynamics(
-        np.array(layout.a, dtype=np.int64).reshape(-1, 2),
-        np.array(layout.b, dtype=np.int64).reshape(-1, 2),
+def write_parameters(
+    problem: LinearisedProblem, layout: Layout, dynamics: np.ndarray, weights: np.ndarray
+) -> None:
+    """Write each problem's values of the parameters into `dynamics` and `weights`, n rows each."""
+    a_entries, b_entries = _entries(layout)
+    _write(
+        a_entries,
+        b_entries,
         problem.a,
         problem.b,
         problem.states,
         problem.inputs,
         problem.reference,
+        problem.state_weights,
+        problem.input_weights,
+        problem.input_low,
+        problem.input_high,
         dynamics,
+        weights,
     )
-    dynamics[:, -2 * layout.nu : -layout.nu] = problem.input_low
-    dynamics[:, -layout.nu :] = problem.input_high
-    states = layout.nx * layout.horizon
-    weights[:, :states] = problem.state_weights.transpose(0, 2, 1).reshape(n, -1)
-    weights[:, states:] = problem.input_weights.transpose(0, 2, 1).reshape(n, -1)
-    return dynamics, weights
 
 
-@njit(cache=True)
-def _write_dynamics(
+@lru_cache
+def _entries(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+    a, b = (np.array(e, dtype=np.int64).reshape(-1, 2) for e in (layout.a, layout.b))
+    return a, b
+
+
+@njit(cache=True, error_model="numpy")
+def _write(
     a_entries: np.ndarray,
     b_entries: np.ndarray,
     a: np.ndarray,
@@ -172,23 +184,42 @@ def _write_dynamics(
     states: np.ndarray,
     inputs: np.ndarray,
     reference: np.ndarray,
+    state_weights: np.ndarray,
+    input_weights: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
     dynamics: np.ndarray,
+    weights: np.ndarray,
 ) -> None:
-    n, horizon, nx, _ = b.shape
+    n, horizon, nx, nu = b.shape
+    gap = len(a_entries) * (horizon - 1) + len(b_entries) * horizon  # where the gaps begin
     for lane in range(n):
         to = 0
-        first_gap = len(a_entries) * (horizon - 1) + len(b_entries) * horizon
-        gap = dynamics[lane, first_gap : first_gap + nx * horizon].reshape(nx, horizon)
         for i in range(nx):
             for k in range(horizon):
-                gap[i, k] = states[lane, k + 1, i] - reference[lane, k, i]
-        for i, j in a_entries:
+                dynamics[lane, gap + i * horizon + k] = (
+                    states[lane, k + 1, i] - reference[lane, k, i]
+                )
+                weights[lane, i * horizon + k] = state_weights[lane, k, i]
+        for entry in range(len(a_entries)):
+            i, j = a_entries[entry, 0], a_entries[entry, 1]
             for k in range(1, horizon):
-                gap[i, k] += a[lane, k, i, j] * (reference[lane, k - 1, j] - states[lane, k, j])
-                dynamics[lane, to] = a[lane, k, i, j]
+                value = a[lane, k, i, j]
+                dynamics[lane, to] = value
                 to += 1
-        for i, j in b_entries:
+                dynamics[lane, gap + i * horizon + k] += value * (
+                    reference[lane, k - 1, j] - states[lane, k, j]
+                )
+        for entry in range(len(b_entries)):
+            i, j = b_entries[entry, 0], b_entries[entry, 1]
             for k in range(horizon):
-                gap[i, k] -= b[lane, k, i, j] * inputs[lane, k, j]
-                dynamics[lane, to] = b[lane, k, i, j]
+                value = b[lane, k, i, j]
+                dynamics[lane, to] = value
                 to += 1
+                dynamics[lane, gap + i * horizon + k] -= value * inputs[lane, k, j]
+        to += nx * horizon
+        for j in range(nu):
+            dynamics[lane, to + j] = low[j]
+            dynamics[lane, to + nu + j] = high[j]
+            for k in range(horizon):
+                weights[lane, (nx + j) * horizon + k] = input_weights[lane, k, j]

@@ -1,0 +1,179 @@
+"""Speed of the MPC's ways, as ratios within one run: `python -m benchmarks.mpc`.
+
+All ways solve the same problems, ten at a time in turn, so that a busy machine slows all of them
+alike; medians over these tens, of CPU time per problem, are compared. One thread, parameters from
+the whole box. The default path takes the ten as lanes side by side, as a run does.
+"""
+
+from __future__ import annotations
+
+import os
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+
+import argparse
+import time
+from collections.abc import Callable
+from typing import Any
+
+import cvxpy as cp
+import numpy as np
+
+from tests.mpc_tracking.oracle import NonlinearMpc
+from zoac.mpc.policy import MpcOptions
+from zoac.mpc.solvers.base import LinearisedProblem, Solution
+from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
+from zoac.mpc.solvers.statement import Layout, state_problem, write_parameters
+from zoac.seeding import stream
+from zoac.tasks.mpc_tracking import MpcTrackingLanes, TrackingMpc
+from zoac.tasks.mpc_tracking.controller import SPACE
+
+Way = Callable[[slice], object]
+
+ANEW = "CVXPY problem built anew"
+PROBLEM_SOLVE = "CVXPY problem.solve(), best formulated"
+ONE_QP = "default path, one QP"
+STEP = "default path, three linearisations"
+STEP_ALONE = "  the same, one lane alone"
+IPOPT = "CasADi + IPOPT, built once"
+
+
+TEN = 10
+
+
+class Recorder(ClarabelSolver):
+    """Keeps the problems it is given."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.problems: list[LinearisedProblem] = []
+
+    def solve(self, problem: LinearisedProblem, careful: bool = False) -> Solution:
+        self.problems.append(problem)
+        return super().solve(problem, careful)
+
+
+class Stopwatch:
+    """Clarabel's solver object, with the time that its `solve` takes."""
+
+    def __init__(self, inner: Any) -> None:
+        self._inner = inner
+        self.seconds: list[float] = []
+        self.update = inner.update
+
+    def solve(self) -> Any:
+        began = time.thread_time()
+        answer = self._inner.solve()
+        self.seconds.append(time.thread_time() - began)
+        return answer
+
+
+def solve_built_anew(problem: LinearisedProblem) -> None:
+    """State the problem as a textbook does, stage by stage with constants, and solve it."""
+    horizon, nx, nu = problem.b.shape[1:]
+    x, u = cp.Variable((horizon + 1, nx)), cp.Variable((horizon, nu))
+    states, inputs = problem.states[0], problem.inputs[0]
+    cost, constraints = 0, [x[0] == states[0]]
+    for k in range(horizon):
+        error = x[k + 1] - problem.reference[0, k]
+        cost += cp.quad_form(error, np.diag(problem.state_weights[0, k]))
+        cost += cp.quad_form(u[k], np.diag(problem.input_weights[0, k]))
+        step = problem.a[0, k] @ (x[k] - states[k]) + problem.b[0, k] @ (u[k] - inputs[k])
+        constraints += [x[k + 1] == states[k + 1] + step]
+        constraints += [problem.input_low <= u[k], u[k] <= problem.input_high]
+    cp.Problem(cp.Minimize(cost), constraints).solve(solver=cp.CLARABEL)
+
+
+def problem_solve(problem: LinearisedProblem) -> Callable[[LinearisedProblem], None]:
+    """Return `problem.solve()` at its fastest: warm start on, the fast path's settings."""
+    layout = Layout.of(problem)
+    statement = state_problem(layout)
+    dynamics, weights = np.empty((1, layout.dynamics_size)), np.empty((1, layout.weights_size))
+    settings = {
+        **dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-10),
+        "presolve_enable": False,
+        "iterative_refinement_enable": False,
+        "max_threads": 1,
+    }
+
+    def solve(problem: LinearisedProblem) -> None:
+        write_parameters(problem, layout, dynamics, weights)
+        statement.dynamics.value, statement.weights.value = dynamics[0], weights[0]
+        statement.problem.solve(solver=cp.CLARABEL, warm_start=True, **settings)
+
+    return solve
+
+
+def one_by_one(function: Callable[[int], object]) -> Way:
+    """Return the way that takes the problems of a slice one after the other."""
+
+    def way(which: slice) -> None:
+        for k in range(which.start, which.stop):
+            function(k)
+
+    return way
+
+
+def ways(problems: int) -> tuple[dict[str, Way], Stopwatch]:
+    """Return every way as a function of a slice of problems, and a watch on `ONE_QP`."""
+    z = stream(0, "benchmark").uniform(-1.0, 1.0, (problems, SPACE.dimension))
+    values, params = SPACE.values(z), SPACE.physical(z)
+    observations = MpcTrackingLanes(problems).reset(seed=0)[0]
+
+    def act(controller: TrackingMpc) -> Way:
+        return lambda which: controller.act(
+            {name: value[which] for name, value in params.items()}, observations[which], {}
+        )
+
+    recorder, solver = Recorder(), ClarabelSolver()
+    record, one_qp = (act(TrackingMpc(s, MpcOptions(linearisations=1))) for s in (recorder, solver))
+    one_by_one(lambda k: record(slice(k, k + 1)))(slice(0, problems))
+    one_qp(slice(0, 1))
+    ((layout, (form, inner)),) = solver._prepared.items()
+    watch = Stopwatch(inner)
+    solver._prepared[layout] = form, watch
+    step = act(TrackingMpc(ClarabelSolver()))
+    qps = recorder.problems
+    solve = problem_solve(qps[0])
+    ipopt = NonlinearMpc(SPACE.names, tolerance=1e-8)
+    functions = {
+        ANEW: one_by_one(lambda k: solve_built_anew(qps[k])),
+        PROBLEM_SOLVE: one_by_one(lambda k: solve(qps[k])),
+        ONE_QP: one_qp,
+        STEP: step,
+        STEP_ALONE: one_by_one(lambda k: step(slice(k, k + 1))),
+        IPOPT: one_by_one(lambda k: ipopt.plan(values[k], observations[k])),
+    }
+    return functions, watch
+
+
+def measure(functions: dict[str, Way], problems: int) -> dict[str, float]:
+    """Return each way's median CPU seconds per problem."""
+    spent: dict[str, list[float]] = {name: [] for name in functions}
+    for first in range(0, problems, TEN):
+        for name, function in functions.items():
+            function(slice(first, first + 1))  # not counted: the way before left cold caches
+            began = time.thread_time()
+            function(slice(first, first + TEN))
+            spent[name].append((time.thread_time() - began) / TEN)
+    return {name: float(np.median(seconds)) for name, seconds in spent.items()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--tens", type=int, default=7, help="how many times ten problems")
+    problems = TEN * parser.parse_args().tens
+    functions, watch = ways(problems)
+    median = measure(functions, problems)
+    inside = np.reshape(watch.seconds, (-1, TEN + 1))[:, 1:].mean(axis=1)
+    for name, value in median.items():
+        print(f"{name:40s} {value * 1e6:9.0f} us")
+    print(f"one QP against problem.solve()       {median[PROBLEM_SOLVE] / median[ONE_QP]:6.1f} x")
+    print(f"one QP against built anew            {median[ANEW] / median[ONE_QP]:6.1f} x")
+    print(f"three linearisations against IPOPT   {median[IPOPT] / median[STEP]:6.1f} x")
+    print(f"one QP outside Clarabel's solve()    {1 - np.median(inside) / median[ONE_QP]:6.1%}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,143 @@
+"""The tracking MPC as a function of its 19 parameters and the observation."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from zoac.errors import ControllerError
+from zoac.mpc.policy import MpcOptions, Objective, SequentialQp
+from zoac.mpc.solvers.base import Solver
+from zoac.parameters import Parameter, ParameterSpace
+from zoac.task import Diagnostics, Memory, Parameters
+from zoac.tasks.mpc_tracking.path import SPEED
+from zoac.tasks.mpc_tracking.vehicle import INPUTS, STATES, TRUE_PARAMETERS, BicycleModel
+
+WeightLayout = Literal["separate", "aliased"]
+
+DISCOUNT = 0.99
+FIXED_STAGE_U = 1e-2
+"""Scaling all weights alike changes nothing, so the stage weight of u is fixed."""
+
+_MODEL = (
+    Parameter("I_z", 1e3, 2e3, unit="kg m^2"),
+    Parameter("k_f", -16e4, -8e4, unit="N/rad"),
+    Parameter("k_r", -16e4, -8e4, unit="N/rad"),
+    Parameter("l_f", 0.8, 2.2, unit="m"),
+    Parameter("l_r", 0.8, 2.2, unit="m"),
+    Parameter("m", 1e3, 2e3, unit="kg"),
+)
+_STAGE = tuple(f"stage_{name}" for name in STATES if name != "u")
+_TERMINAL = tuple(f"terminal_{name}" for name in STATES)
+_INPUT = tuple(f"input_{name}" for name in INPUTS)
+
+SPACE = ParameterSpace(
+    [
+        *_MODEL,
+        *(Parameter(name, 1e-6, 1e2, "log") for name in (*_STAGE, *_TERMINAL, *_INPUT)),
+    ]
+)
+
+NOMINAL = {
+    **{p.name: float(value) for p, value in zip(_MODEL, TRUE_PARAMETERS, strict=True)},
+    **dict(zip(_STAGE, (1e-6, 0.04, 0.1, 1e-6, 0.02), strict=True)),
+    **dict(zip(_TERMINAL, (1e-6, 0.04, 0.1, 0.01, 1e-6, 0.02), strict=True)),
+    **dict(zip(_INPUT, (5.0, 0.05), strict=True)),
+}
+"""True model, weights of the real cost, scaled so that the weight of u is 1e-2."""
+
+TERMINAL_READ = {
+    "separate": _TERMINAL,
+    "aliased": (*_INPUT, *_TERMINAL[:4]),
+}
+"""Which parameters are the terminal weights of x, y, phi, u, v, omega.
+
+The authors' code keeps 13 weights as (stage 5, input 2, terminal 6) and reads the terminal ones
+two places too early: the input weights are also the terminal weights of x and y, what should
+weigh x, y, phi, u weighs phi, u, v, omega, and the last two are never read.
+"""
+
+
+class TrackingMpc:
+    """U_t = pi_theta(observation): the first input of the plan; see `zoac.mpc.policy`."""
+
+    def __init__(
+        self, solver: Solver, options: MpcOptions | None = None, weights: WeightLayout = "separate"
+    ) -> None:
+        """
+        Args:
+            solver: Of the quadratic programmes.
+            options: How it plans.
+            weights: Each of the 13 weights its own (the paper), or `aliased` as in the authors'
+                code (`TERMINAL_READ`).
+        """
+        self._options = options = options or MpcOptions()
+        self._model = BicycleModel()
+        self._search = SequentialQp(self._model, solver, options.linearisations)
+        horizon = options.horizon
+        stage = [SPACE.names.index(name) for name in _STAGE]
+        stage.insert(STATES.index("u"), SPACE.dimension)  # the fixed weight, after the last
+        terminal = [SPACE.names.index(name) for name in TERMINAL_READ[weights]]
+        self._state_columns = np.array([stage] * (horizon - 1) + [terminal])
+        self._input_columns = np.array([[SPACE.names.index(name) for name in _INPUT]] * horizon)
+        self._discounts = DISCOUNT ** np.arange(horizon + 1)[:, None]
+
+    def init(self, n: int) -> Memory:
+        """Return {} or, with `linearise_about: shifted_plan`, {"plan": (n, N_p, 2)}."""
+        if self._options.linearise_about == "zero_input":
+            return {}
+        return {"plan": np.zeros((n, self._options.horizon, 2))}
+
+    def act(
+        self, params: Parameters, obs: np.ndarray, memory: Memory
+    ) -> tuple[np.ndarray, Memory, Diagnostics]:
+        """Return the inputs (n, 2), the memory and diagnostics; see `Controller`.
+
+        Diagnostics, n rows each: `prediction` (n, 6) = F_theta(X_t, U_t), `solver_status` (the
+        worst of the step, after a retry), `solver_failed`, `solver_retried`, `solver_seconds`
+        (an equal share of the calls' wall time), `linearisations`.
+
+        Raises:
+            ControllerError: If the observation's length does not fit the horizon.
+        """
+        n = len(obs)
+        expected = 6 + 3 * self._options.horizon
+        if obs.shape != (n, expected):
+            raise ControllerError(
+                f"an MPC with horizon {self._options.horizon} reads observations of shape "
+                f"(n, {expected}), got {obs.shape}"
+            )
+        values = np.empty((n, SPACE.dimension + 1))
+        for i, name in enumerate(SPACE.names):
+            values[:, i] = params[name]
+        values[:, -1] = FIXED_STAGE_U
+        theta = values[:, : len(_MODEL)].copy()
+        state = obs[:, :6].copy()
+        plan = self._search.plan(theta, state, self._objective(values, obs), self._guess(n, memory))
+        actions = plan.inputs[:, 0].copy()
+        diagnostics = {
+            "prediction": self._model.predict(theta, state, actions),
+            "solver_status": plan.status,
+            "solver_failed": plan.failed,
+            "solver_retried": plan.retried,
+            "solver_seconds": np.full(n, plan.seconds / max(n, 1)),
+            "linearisations": plan.linearisations,
+        }
+        return actions, ({"plan": plan.inputs} if memory else memory), diagnostics
+
+    def _guess(self, n: int, memory: Memory) -> np.ndarray:
+        if not memory:
+            return np.zeros((n, self._options.horizon, 2))
+        return np.concatenate([memory["plan"][:, 1:], memory["plan"][:, -1:]], axis=1)
+
+    def _objective(self, values: np.ndarray, obs: np.ndarray) -> Objective:
+        n, horizon = len(obs), self._options.horizon
+        reference = np.zeros((n, horizon, 6))
+        reference[:, :, :3] = obs[:, 6:].reshape(n, horizon, 3)
+        reference[:, :, 3] = SPEED
+        return Objective(
+            reference=reference,
+            state_weights=np.take(values, self._state_columns, axis=1) * self._discounts[1:],
+            input_weights=np.take(values, self._input_columns, axis=1) * self._discounts[:-1],
+        )

@@ -1,0 +1,130 @@
+"""The vehicle on its path, vectorised over lanes.
+
+Observation (81): the state X_t, then N_p = 25 points (x_r, y_r, phi_r) of the path ahead.
+Action (2): front wheel angle delta [rad] and acceleration a [m/s^2].
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+from numba import njit
+
+from zoac.environment import LaneEnv, SingleLane
+from zoac.tasks.mpc_tracking import path
+from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH, INPUT_LOW, TRUE_PARAMETERS, advance, six
+
+MAX_LATERAL_ERROR = 4.0  # [m]
+MAX_HEADING_ERROR = math.pi / 4  # [rad]
+MAX_SPEED_ERROR = 4.0  # [m/s]
+TERMINATION_COST = 1000.0
+
+
+class MpcTrackingLanes(LaneEnv):
+    """n vehicles side by side; `gymnasium.make_vec("zoac/MpcTracking-v0")`."""
+
+    metadata = {**LaneEnv.metadata, "render_modes": ["rgb_array"], "render_fps": 10}
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        render_mode: str | None = None,
+        horizon: int = 25,
+        max_episode_steps: int = 200,
+    ) -> None:
+        """
+        Args:
+            num_envs: Number of lanes n.
+            render_mode: None or "rgb_array".
+            horizon: Number of path points in the observation, N_p.
+            max_episode_steps: Time limit.
+        """
+        self._observation_size = 6 + 3 * horizon
+        unbounded = np.full(self._observation_size, np.inf)
+        super().__init__(
+            num_envs,
+            Box(-unbounded, unbounded, dtype=np.float64),
+            Box(INPUT_LOW, INPUT_HIGH, dtype=np.float64),
+            max_episode_steps,
+            render_mode,
+        )
+        self.arrays = {"state": np.zeros((num_envs, 6))}
+        self.arrays["state"][:, 3] = path.SPEED  # a lane not yet begun can stand in a step
+
+    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
+        self.arrays["state"][lane] = demonstration_start() if demonstration else random_start(rng)
+
+    def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        cost = np.empty(self.num_envs)
+        terminated = np.empty(self.num_envs, dtype=np.bool_)
+        # A steering or an engine saturates: what goes beyond the bounds is not applied.
+        applied = np.asarray(actions, dtype=np.float64).clip(INPUT_LOW, INPUT_HIGH)
+        _advance_lanes(self.arrays["state"], applied, cost, terminated)
+        return cost, terminated
+
+    def _observe(self) -> np.ndarray:
+        observations = np.empty((self.num_envs, self._observation_size))
+        _observe_lanes(self.arrays["state"], observations)
+        return observations
+
+
+def random_start(rng: np.random.Generator) -> np.ndarray:
+    """Return the state (6,) at the beginning of an episode."""
+    x = rng.uniform(0.0, 100.0)
+    y = path.lateral(x) + np.clip(rng.normal(0.0, 0.2), -0.5, 0.5)
+    phi = path.heading(x) + np.clip(rng.normal(0.0, 0.05), -0.1, 0.1)
+    u = rng.uniform(17.5, 18.5)
+    v = u * math.tan(np.clip(rng.normal(0.0, 0.05), -0.1, 0.1))
+    omega = np.clip(rng.normal(0.0, 0.05), -0.1, 0.1)
+    return np.array([x, y, phi, u, v, omega])
+
+
+def demonstration_start() -> np.ndarray:
+    """Return the state (6,) from which Fig. 6 is drawn."""
+    x, u = 8.0, 17.6
+    y, phi = path.lateral(x) + 0.25, path.heading(x) + 0.04
+    return np.array([x, y, phi, u, u * math.tan(0.03), 0.05])
+
+
+@njit(cache=True, error_model="numpy")
+def _advance_lanes(
+    states: np.ndarray, actions: np.ndarray, cost: np.ndarray, terminated: np.ndarray
+) -> None:
+    for lane in range(len(states)):
+        delta, a = actions[lane, 0], actions[lane, 1]
+        after = advance(TRUE_PARAMETERS, six(states[lane]), delta, a)
+        for i in range(6):
+            states[lane, i] = after[i]
+        x, y, phi, u, _, omega = after
+        off, turned, faster = y - path.lateral(x), phi - path.heading(x), u - path.SPEED
+        # The paper's r, at the state after the step.
+        cost[lane] = (
+            faster * faster
+            + 4.0 * (off * off)
+            + 10.0 * (turned * turned)
+            + 2.0 * (omega * omega)
+            + 500.0 * (delta * delta)
+            + 5.0 * (a * a)
+        )
+        terminated[lane] = not (  # so that a state that is not a number ends the episode
+            abs(off) <= MAX_LATERAL_ERROR
+            and abs(turned) <= MAX_HEADING_ERROR
+            and abs(faster) <= MAX_SPEED_ERROR
+        )
+        if terminated[lane]:
+            cost[lane] += TERMINATION_COST
+
+
+@njit(cache=True, error_model="numpy")
+def _observe_lanes(states: np.ndarray, observations: np.ndarray) -> None:
+    for lane in range(len(states)):
+        observations[lane, :6] = states[lane]
+        path.preview(states[lane, 0], observations[lane, 6:])
+
+
+def make_single(render_mode: str | None = None, **options: Any) -> SingleLane:
+    """Return one lane as a `gymnasium.Env`; `gymnasium.make("zoac/MpcTracking-v0")`."""
+    return SingleLane(MpcTrackingLanes(num_envs=1, render_mode=render_mode, **options))

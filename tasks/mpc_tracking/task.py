@@ -1,0 +1,96 @@
+"""Tasks `mpc_tracking` and `mpc_tracking_reg`: tune an MPC that tracks a path."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from pydantic import Field
+
+from zoac.mpc.policy import MpcOptions
+from zoac.mpc.solvers.base import Solver
+from zoac.rollout import Segment
+from zoac.task import Metric, Task, Trace
+from zoac.tasks.mpc_tracking.controller import NOMINAL, SPACE, TrackingMpc, WeightLayout
+from zoac.tasks.mpc_tracking.plant import MpcTrackingLanes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def prediction_error(segment: Segment) -> np.ndarray:
+    """Return 0.5 |F_theta(X_t, U_t) - X_{t+1}|^2 for each step (T,)."""
+    error = segment.diagnostics["prediction"] - segment.observations[1:, :6]
+    return 0.5 * np.square(error).sum(axis=1)
+
+
+def _failed(segment: Segment) -> np.ndarray:
+    return segment.diagnostics["solver_failed"].astype(np.float64)
+
+
+def _retried(segment: Segment) -> np.ndarray:
+    return segment.diagnostics["solver_retried"].astype(np.float64)
+
+
+class MpcTracking(Task):
+    """19 parameters: six of the predictive model, thirteen weights."""
+
+    space = SPACE
+    nominal = NOMINAL
+    metrics = (
+        Metric("prediction_error", prediction_error),
+        Metric("solver_failures", _failed, "sum"),
+        Metric("solver_retries", _retried, "sum"),
+    )
+
+    def __init__(
+        self,
+        *,
+        solver: Solver,
+        mpc: MpcOptions | None = None,
+        weights: WeightLayout = "separate",
+        regularisation: Annotated[float, Field(ge=0)] = 0.0,
+        max_episode_steps: Annotated[int, Field(ge=1)] = 200,
+    ) -> None:
+        """
+        Args:
+            solver: Of the MPC's quadratic programmes.
+            mpc: How the MPC plans.
+            weights: See `TrackingMpc`.
+            regularisation: zeta: the tuner sees r + zeta/2 |F_theta(X_t, U_t) - X_{t+1}|^2.
+            max_episode_steps: Time limit.
+        """
+        self._solver = solver
+        self._mpc = mpc or MpcOptions()
+        self._weights = weights
+        self._regularisation = regularisation
+        self._max_episode_steps = max_episode_steps
+
+    def make_env(self, n: int) -> MpcTrackingLanes:
+        """Return `n` vehicles; their observations show as far ahead as the MPC looks."""
+        return MpcTrackingLanes(
+            n, horizon=self._mpc.horizon, max_episode_steps=self._max_episode_steps
+        )
+
+    def make_controller(self) -> TrackingMpc:
+        """Return the MPC."""
+        return TrackingMpc(self._solver, self._mpc, self._weights)
+
+    def tuning_costs(self, segment: Segment) -> np.ndarray:
+        """Return the costs (T,) with the regularisation added."""
+        if self._regularisation == 0.0:
+            return segment.costs
+        return segment.costs + self._regularisation * prediction_error(segment)
+
+    def traces(self, segment: Segment) -> list[Trace]:
+        """Return what Fig. 6 shows."""
+        from zoac.tasks.mpc_tracking import figures
+
+        return figures.traces(segment)
+
+    def draw(self, axes: Axes, segment: Segment, step: int) -> bool:
+        """Draw the vehicle on its path."""
+        from zoac.tasks.mpc_tracking import figures
+
+        figures.draw(axes, segment, step)
+        return True

@@ -1,0 +1,167 @@
+"""Solvers that go through CVXPY's statement: right, alike, and without memory."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.mpc.problems import (
+    box_points,
+    dense_problems,
+    duality_gap,
+    objective,
+    tracking_problems,
+)
+from zoac.mpc.policy import _take
+from zoac.mpc.solvers.base import Solver, Status
+from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
+from zoac.mpc.solvers.cvxpy_qp import CvxpySolver
+from zoac.mpc.solvers.statement import Layout, state_problem
+
+SOLVERS = [ClarabelSolver, CvxpySolver]
+
+
+@pytest.fixture(scope="module")
+def clarabel() -> ClarabelSolver:
+    return ClarabelSolver()
+
+
+@pytest.fixture(scope="module")
+def cvxpy() -> CvxpySolver:
+    return CvxpySolver()
+
+
+def rows(problem, *lanes: int):
+    mask = np.isin(np.arange(len(problem.a)), lanes)
+    return _take(problem, mask)
+
+
+def test_the_statement_is_dpp() -> None:
+    layout = Layout.of(tracking_problems(box_points(1, 0), 0))
+    assert state_problem(layout).problem.is_dcp(dpp=True)
+
+
+def test_both_paths_reach_the_same_optimal_value(clarabel, cvxpy) -> None:
+    problem = tracking_problems(box_points(60, 1), 1)
+    fast, plain = clarabel.solve(problem), cvxpy.solve(problem)
+    np.testing.assert_array_equal(fast.status, Status.SOLVED)
+    np.testing.assert_array_equal(plain.status, Status.SOLVED)
+    np.testing.assert_allclose(
+        objective(problem, fast.inputs), objective(problem, plain.inputs), rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize("careful", [False, True])
+def test_plans_satisfy_the_optimality_conditions(clarabel, careful: bool) -> None:
+    problem = tracking_problems(box_points(200, 2), 2)
+    plans = clarabel.solve(problem, careful).inputs
+    relative = duality_gap(problem, plans) / objective(problem, plans)
+    assert np.median(relative) < 1e-8
+    assert relative.max() < 1e-5
+
+
+def test_a_known_optimum_is_found(clarabel, cvxpy) -> None:
+    """One state that integrates one input: two steps by hand.
+
+    u_0^2 + u_1^2 + (u_0 - 1)^2 + (u_0 + u_1 - 1)^2 is least at u = (3/5, 1/5); the bound 1/2 on
+    u_0 leaves u_1 = 1/4.
+    """
+    problem = replace(
+        dense_problems(1, 2, 1, 1, 0),
+        states=np.zeros((1, 3, 1)),
+        inputs=np.zeros((1, 2, 1)),
+        a=np.ones((1, 2, 1, 1)),
+        b=np.ones((1, 2, 1, 1)),
+        reference=np.ones((1, 2, 1)),
+        state_weights=np.ones((1, 2, 1)),
+        input_weights=np.ones((1, 2, 1)),
+        input_low=np.array([-5.0]),
+        input_high=np.array([5.0]),
+    )
+    bounded = replace(problem, input_high=np.array([0.5]))
+    for solver in (clarabel, cvxpy):
+        np.testing.assert_allclose(solver.solve(problem).inputs[0, :, 0], [0.6, 0.2], atol=1e-8)
+        np.testing.assert_allclose(solver.solve(bounded).inputs[0, :, 0], [0.5, 0.25], atol=1e-8)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize(("horizon", "nx", "nu"), [(1, 2, 1), (4, 3, 2), (7, 1, 3)])
+def test_any_size_and_full_jacobians(solver, horizon: int, nx: int, nu: int) -> None:
+    problem = dense_problems(5, horizon, nx, nu, seed=3)
+    plans = solver().solve(problem).inputs
+    assert (duality_gap(problem, plans) < 1e-8 * objective(problem, plans)).all()
+
+
+def test_sparsity_changes_the_work_and_not_the_answer(clarabel) -> None:
+    problem = tracking_problems(box_points(4, 4), 4)
+    dense = clarabel.solve(replace(problem, sparsity=None))
+    np.testing.assert_allclose(
+        objective(problem, dense.inputs),
+        objective(problem, clarabel.solve(problem).inputs),
+        rtol=1e-8,
+    )
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_plans_are_inside_the_box(solver) -> None:
+    """At so coarse a tolerance the library's own answers go beyond the bounds."""
+    problem = tracking_problems(box_points(10, 5), 5)
+    plans = solver(tolerance=0.5).solve(problem).inputs
+    assert (plans >= problem.input_low).all()
+    assert (plans <= problem.input_high).all()
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_nothing_leaks_from_one_problem_into_the_next(solver) -> None:
+    count = 5 if solver is CvxpySolver else 40
+    problem = tracking_problems(box_points(count, 6), 6)
+    used = solver()
+    first = used.solve(problem)
+    order = np.random.default_rng(0).permutation(count)
+    for lane in order:
+        again = used.solve(rows(problem, lane))
+        fresh = solver().solve(rows(problem, lane)) if lane < 3 else again
+        for answer in (again, fresh):
+            np.testing.assert_array_equal(answer.inputs[0], first.inputs[lane])
+            assert answer.iterations[0] == first.iterations[lane]
+
+
+def test_a_failed_solve_leaks_nothing() -> None:
+    problem = tracking_problems(box_points(6, 7), 7)
+    solver = ClarabelSolver()
+    before = solver.solve(problem)
+    huge = replace(problem, state_weights=problem.state_weights * 1e250)
+    assert (solver.solve(huge).status != Status.SOLVED).any()
+    np.testing.assert_array_equal(solver.solve(problem).inputs, before.inputs)
+
+
+def test_careful_solves_leave_the_fast_ones_alone() -> None:
+    problem = tracking_problems(box_points(6, 8), 8)
+    solver = ClarabelSolver()
+    before = solver.solve(problem).inputs
+    careful = solver.solve(problem, careful=True).inputs
+    assert not np.array_equal(careful, before)
+    np.testing.assert_array_equal(solver.solve(problem).inputs, before)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_pickled_solver_gives_the_same_bits(solver) -> None:
+    problem = tracking_problems(box_points(3, 9), 9)
+    original: Solver = solver(tolerance=1e-7)
+    before = original.solve(problem).inputs
+    copy = pickle.loads(pickle.dumps(original))
+    np.testing.assert_array_equal(copy.solve(problem).inputs, before)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_running_out_of_iterations_has_a_status(solver) -> None:
+    answer = solver(max_iterations=1).solve(tracking_problems(box_points(2, 10), 10))
+    np.testing.assert_array_equal(answer.status, Status.ITERATION_LIMIT)
+
+
+def test_every_status_reads_as_a_sentence() -> None:
+    for status in Status:
+        assert status.sentence.endswith(".")

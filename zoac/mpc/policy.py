@@ -1,0 +1,272 @@
+"""Nonlinear MPC by sequential quadratic programmes, batched over lanes.
+
+Roll the predictive model out along a plan, linearise about the rollout, solve the quadratic
+programme, take its solution as the next plan, and so on. Each lane goes its own way: what one
+lane's solver did never changes another lane's numbers.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal, Protocol, get_args
+
+import numpy as np
+from numba import njit
+from pydantic import Field
+
+from zoac.errors import ConfigError, suggest
+from zoac.mpc.solvers.base import LinearisedProblem, Solution, Solver, Sparsity, Status
+
+About = Literal["zero_input", "shifted_plan"]
+
+CONVERGED = 1e-9
+"""A plan has converged when no input changes by more than this part of its range."""
+
+MOST_LINEARISATIONS = 50
+"""Limit on `linearisations: converged`."""
+
+# As plain numbers: comparing an array with a member of an enum takes five times as long.
+_SOLVED, _NOT_FINITE = int(Status.SOLVED), int(Status.NOT_FINITE)
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class MpcOptions:
+    """How the MPC plans.
+
+    Args:
+        horizon: N_p, steps that it looks ahead.
+        linearisations: Quadratic programmes a step; "converged": until the plan stands still
+            (`CONVERGED`), at most `MOST_LINEARISATIONS`.
+        linearise_about: What the first one is linearised about: the rollout with zero input,
+            which makes the controller a function of the observation alone; or last step's plan
+            shifted by one step (real-time iteration), which it then remembers.
+
+    Raises:
+        ConfigError: If an option is out of range or unknown.
+    """
+
+    horizon: Annotated[int, Field(ge=1)] = 25
+    linearisations: Annotated[int, Field(ge=1)] | Literal["converged"] = 3
+    linearise_about: About = "zero_input"
+
+    def __post_init__(self) -> None:
+        if self.horizon < 1:
+            raise ConfigError(f"mpc.horizon: must be at least 1, got {self.horizon}")
+        count = self.linearisations
+        if count != "converged" and (isinstance(count, str) or count < 1):
+            raise ConfigError(
+                f"mpc.linearisations: expected a number from 1 or 'converged', got {count!r}"
+            )
+        if self.linearise_about not in get_args(About):
+            raise ConfigError(
+                f"mpc.linearise_about: unknown {self.linearise_about!r}; "
+                f"{suggest(self.linearise_about, get_args(About))}"
+            )
+
+
+class PredictiveModel(Protocol):
+    """A discrete-time model x_{k+1} = F_theta(x_k, u_k) of n lanes, with its Jacobians."""
+
+    input_low: np.ndarray
+    input_high: np.ndarray
+    sparsity: Sparsity
+
+    def linearise(
+        self, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Roll out from `start` (n, nx) along `inputs` (n, N, nu) and linearise about it.
+
+        Returns:
+            States (n, N + 1, nx), dF/dX (n, N, nx, nx) and dF/dU (n, N, nx, nu).
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Objective:
+    """What n lanes minimise; see `LinearisedProblem`.
+
+    Args:
+        reference: (n, N, nx), for x_1 .. x_N.
+        state_weights: (n, N, nx), discounts included.
+        input_weights: (n, N, nu), discounts included.
+    """
+
+    reference: np.ndarray
+    state_weights: np.ndarray
+    input_weights: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Plan:
+    """What the search found for n lanes.
+
+    Args:
+        inputs: (n, N, nu), finite and inside the box whatever happened.
+        status: (n,) int8, the worst `Status` of the step, after a retry.
+        retried: (n,) bool, a careful solve was needed.
+        linearisations: (n,) int64, quadratic programmes posed.
+        seconds: Wall time of the solver's calls, all lanes together.
+    """
+
+    inputs: np.ndarray
+    status: np.ndarray
+    retried: np.ndarray
+    linearisations: np.ndarray
+    seconds: float
+
+    @property
+    def failed(self) -> np.ndarray:
+        """Lanes (n,) bool whose solver failed, the retry included."""
+        return self.status != _SOLVED
+
+
+class SequentialQp:
+    """The search for a plan: a pure function of its arguments."""
+
+    def __init__(
+        self, model: PredictiveModel, solver: Solver, linearisations: int | Literal["converged"]
+    ) -> None:
+        self._model = model
+        self._solver = solver
+        self._until_converged = linearisations == "converged"
+        self._limit = MOST_LINEARISATIONS if linearisations == "converged" else linearisations
+        self._range = model.input_high - model.input_low
+
+    def plan(
+        self, theta: np.ndarray, start: np.ndarray, objective: Objective, guess: np.ndarray
+    ) -> Plan:
+        """Plan from `start` (n, nx), beginning with `guess` (n, N, nu).
+
+        A lane whose solve fails twice keeps the last plan of this call that did solve, else
+        zero input (clipped to the box), and stops there.
+        """
+        n = len(start)
+        inputs = guess.copy()
+        status = np.zeros(n, dtype=np.int8)
+        retried = np.zeros(n, dtype=bool)
+        count = np.zeros(n, dtype=np.int64)
+        seconds = 0.0
+        lanes: slice | np.ndarray = slice(None)  # those that go on
+        for posed in range(self._limit):
+            before = inputs[lanes]
+            problem = self._linearise(theta[lanes], start[lanes], objective, before, lanes)
+            attempt = _Attempt(self._solver, problem)
+            after, goes_on = attempt.inputs, attempt.solved
+            if not goes_on.all():
+                zero = np.clip(0.0, problem.input_low, problem.input_high)
+                fallback = before if posed else zero
+                after = np.where(goes_on[:, None, None], after, fallback)
+            if self._until_converged:
+                goes_on = goes_on & (np.abs(after - before) > CONVERGED * self._range).any((1, 2))
+            inputs[lanes] = after
+            status[lanes] = attempt.status
+            retried[lanes] |= attempt.retried
+            count[lanes] += 1
+            seconds += attempt.seconds
+            if not goes_on.all():
+                still = np.arange(n)[lanes][goes_on]
+                if not still.size:
+                    break
+                lanes = still
+        return Plan(inputs, status, retried, count, seconds)
+
+    def _linearise(
+        self,
+        theta: np.ndarray,
+        start: np.ndarray,
+        objective: Objective,
+        inputs: np.ndarray,
+        lanes: slice | np.ndarray,
+    ) -> LinearisedProblem:
+        states, a, b = self._model.linearise(theta, start, inputs)
+        return LinearisedProblem(
+            states=states,
+            inputs=inputs,
+            a=a,
+            b=b,
+            reference=objective.reference[lanes],
+            state_weights=objective.state_weights[lanes],
+            input_weights=objective.input_weights[lanes],
+            input_low=self._model.input_low,
+            input_high=self._model.input_high,
+            sparsity=self._model.sparsity,
+        )
+
+
+class _Attempt:
+    """One solve of n problems; what failed is solved once more, carefully.
+
+    Non-finite problems never reach the solver.
+    """
+
+    def __init__(self, solver: Solver, problem: LinearisedProblem) -> None:
+        self._solver = solver
+        self._problem = problem
+        self.seconds = 0.0
+        finite = _finite(problem)
+        if finite.all():
+            answer = self._timed(problem)
+            self.inputs, self.status = answer.inputs, answer.status
+        else:
+            self.inputs = np.zeros_like(problem.inputs)
+            self.status = np.full(len(finite), _NOT_FINITE, dtype=np.int8)
+            self._solve_some(finite, careful=False)
+        self.solved = self.status == _SOLVED
+        self.retried = finite & ~self.solved
+        if self.solved.all():
+            return
+        self._solve_some(self.retried, careful=True)
+        self.solved = self.status == _SOLVED
+        for lane in np.flatnonzero(~self.solved):
+            _log.info("row %d of %d: %s", lane, len(finite), Status(self.status[lane]).sentence)
+
+    def _solve_some(self, mask: np.ndarray, careful: bool) -> None:
+        if mask.any():
+            answer = self._timed(_take(self._problem, mask), careful)
+            self.inputs, self.status = self.inputs.copy(), self.status.copy()
+            self.inputs[mask] = answer.inputs
+            self.status[mask] = answer.status
+
+    def _timed(self, problem: LinearisedProblem, careful: bool = False) -> Solution:
+        began = time.perf_counter()
+        answer = self._solver.solve(problem, careful)
+        self.seconds += time.perf_counter() - began
+        return answer
+
+
+_PER_LANE = ("states", "inputs", "a", "b", "reference", "state_weights", "input_weights")
+
+
+def _take(problem: LinearisedProblem, mask: np.ndarray) -> LinearisedProblem:
+    return replace(problem, **{name: getattr(problem, name)[mask] for name in _PER_LANE})
+
+
+def _finite(problem: LinearisedProblem) -> np.ndarray:
+    """Return for each lane (n,) whether all its numbers are finite."""
+    n = len(problem.a)
+    return _finite_rows(*[getattr(problem, name).reshape(n, -1) for name in _PER_LANE])
+
+
+@njit(cache=True)
+def _finite_rows(
+    a: np.ndarray,
+    b: np.ndarray,
+    c: np.ndarray,
+    d: np.ndarray,
+    e: np.ndarray,
+    f: np.ndarray,
+    g: np.ndarray,
+) -> np.ndarray:
+    finite = np.ones(len(a), dtype=np.bool_)
+    for lane in range(len(a)):
+        for rows in (a, b, c, d, e, f, g):
+            bad = 0
+            for i in range(rows.shape[1]):
+                bad += not np.isfinite(rows[lane, i])
+            finite[lane] &= bad == 0
+    return finite
