@@ -69,11 +69,9 @@ def check_arguments(
     Raises:
         ConfigError: If one is unknown, missing, of the wrong type or out of its bounds.
     """
-    signature = inspect.signature(target)
-    accepted = {n: p for n, p in signature.parameters.items() if n not in provided}
+    parameters, hints = _signature(target)
+    accepted = {n: p for n, p in parameters.items() if n not in provided}
     open_ended = any(p.kind is p.VAR_KEYWORD for p in accepted.values())
-    hinted = target.__init__ if inspect.isclass(target) else target
-    hints = _hints(target) if _is_dataclass(target) else _hints(hinted)
     faults = []
     for name, value in given.items():
         if name not in accepted:
@@ -92,8 +90,23 @@ def check_arguments(
         raise ConfigError("\n".join(faults))
 
 
-def _is_dataclass(target: Any) -> bool:
-    return hasattr(target, "__dataclass_fields__")
+def _signature(target: Callable[..., Any]) -> tuple[dict[str, inspect.Parameter], dict[str, Any]]:
+    """Return parameters and type hints; `**options` stands for those of the next base class."""
+    if not inspect.isclass(target) or hasattr(target, "__dataclass_fields__"):
+        return dict(inspect.signature(target).parameters), _hints(target)
+    parameters: dict[str, inspect.Parameter] = {}
+    hints: dict[str, Any] = {}
+    for base in target.__mro__:
+        if "__init__" not in vars(base):
+            continue
+        own = dict(inspect.signature(base).parameters)
+        inherited = [n for n, p in own.items() if p.kind is p.VAR_KEYWORD]
+        parameters = {**own, **parameters}
+        hints = {**_hints(base.__init__), **hints}
+        if not inherited or base.__mro__[1] is object:
+            break
+        del parameters[inherited[0]]
+    return parameters, hints
 
 
 def _hints(target: Any) -> dict[str, Any]:

@@ -65,3 +65,19 @@ def test_a_target_that_does_not_exist_gets_the_nearest():
 def test_a_module_that_does_not_exist_is_named():
     with pytest.raises(ConfigError, match=r"cannot import 'nowhere.Thing'"):
         check_node({"_target_": "nowhere.Thing"}, "task")
+
+
+class Child(Thing):
+    def __init__(self, problem: object, *, extra: int = 0, **options: object) -> None: ...
+
+
+def test_options_handed_on_to_a_base_class_are_checked_there():
+    check_arguments(Child, {"step": 0.5, "extra": 1}, "tuner", provided=("problem",))
+    with pytest.raises(ConfigError, match=r"tuner.step=-1.*\n.*unknown key 'extar'.*'extra'"):
+        check_arguments(Child, {"step": -1, "extar": 1}, "tuner", provided=("problem",))
+
+
+def test_a_target_that_takes_anything_is_given_anything():
+    def anything(**options: object) -> None: ...
+
+    check_arguments(anything, {"a": 1}, "tuner")

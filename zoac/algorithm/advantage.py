@@ -51,9 +51,15 @@ def value_targets(deltas: np.ndarray, values: np.ndarray, decay: float) -> np.nd
 
 
 def pieces(segments: Sequence[Segment]) -> Iterable[list[int]]:
-    """Yield lists of indices of segments that follow each other in one lane and one episode."""
+    """Yield lists of indices of segments that follow each other in one lane and one episode.
+
+    A branch is a piece of its own: what the lane did next does not follow from it.
+    """
     chains: dict[int, list[int]] = {}
     for index, segment in enumerate(segments):
+        if segment.proposal.branch:
+            yield [index]
+            continue
         lane = segment.proposal.lane
         chain = chains.setdefault(lane, [])
         if chain and segment.starts_episode:

@@ -129,10 +129,15 @@ class Zoac(Tuner):
             epsilon[:, 1 : 2 * half : 2] = -epsilon[:, 0 : 2 * half : 2]
         self._directions = epsilon.reshape(-1, shape[-1])
         return [
-            Proposal(z=self._theta + self._sigma * epsilon[j, i], lane=i, horizon=self._length)
+            proposal
             for j in range(self._segments)
             for i in range(lanes)
+            for proposal in self._perturbed(self._sigma * epsilon[j, i], i)
         ]
+
+    def _perturbed(self, offset: np.ndarray, lane: int) -> list[Proposal]:
+        """Return what is run for one direction."""
+        return [Proposal(z=self._theta + offset, lane=lane, horizon=self._length)]
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Update critic and parameters (Algorithm 1, lines 7 to 13)."""
@@ -145,8 +150,8 @@ class Zoac(Tuner):
         states = np.concatenate([s.observations[:-1] for s in segments])
         self._critic.learn_scale(states)
         loss = self._critic.fit(states, np.concatenate(targets))
-        used = standardised(advantages) if self._standardise else advantages
-        gradient = zeroth_order_gradient(used, self._directions, self._sigma)  # eq. (10)
+        weights = self._weights(advantages)
+        gradient = zeroth_order_gradient(weights, self._directions, self._sigma)  # eq. (10)
         step_size = self.step_size
         self._theta = self._theta - self._adam.step(gradient, step_size)
         if self._project:
@@ -170,6 +175,10 @@ class Zoac(Tuner):
         if np.isfinite(costs).all():
             return list(segments)
         return [s.with_costs(np.where(np.isfinite(s.costs), s.costs, worst)) for s in segments]
+
+    def _weights(self, advantages: np.ndarray) -> np.ndarray:
+        """Return what each direction counts in the gradient, from the segments' advantages."""
+        return standardised(advantages) if self._standardise else advantages
 
     @property
     def step_size(self) -> float:
