@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import queue
+import time
 import warnings
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import nevergrad as ng
 import numpy as np
@@ -24,13 +27,40 @@ LIBRARY_SPREAD = 1.0 / 3.0
 """Nevergrad's mutation standard deviation for bounds [-1, 1]: a sixth of their distance."""
 
 
-class _DaemonThread(recaster._MessagingThread):
-    """Optimisers without ask and tell run in a thread that would keep Python from exiting."""
+class _Counting(queue.Queue[Any]):
+    """A queue that knows how many items were put into it."""
+
+    count = 0
+
+    def put(self, item: Any, block: bool = True, timeout: float | None = None) -> None:
+        super().put(item, block, timeout)
+        self.count += 1
+
+
+class _Thread(recaster._MessagingThread):
+    """Optimisers without ask and tell run in a thread; the library's own has two faults.
+
+    It keeps Python from exiting, and it goes on computing, and drawing random numbers, after
+    `tell` has returned.
+    """
 
     daemon = True
+    alive: ClassVar[weakref.WeakSet[_Thread]] = weakref.WeakSet()
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.messages_tell = _Counting()
+        self.alive.add(self)
+
+    @classmethod
+    def settle(cls) -> None:
+        """Wait until each thread has asked for as many values as it was told, and one more."""
+        for thread in list(cls.alive):
+            while thread.is_alive() and thread.call_count <= thread.messages_tell.count:
+                time.sleep(1e-4)
 
 
-recaster._MessagingThread = _DaemonThread
+recaster._MessagingThread = _Thread
 
 
 class NevergradTuner(EpisodeTuner):
@@ -48,6 +78,7 @@ class NevergradTuner(EpisodeTuner):
         *,
         start: str,
         spread: float | None = None,
+        workers: int | None = None,
         recommendation: str,
         reevaluate_top: int,
         reevaluate_share: float,
@@ -57,7 +88,10 @@ class NevergradTuner(EpisodeTuner):
             problem: What is tuned.
             factory: Makes the optimiser.
             start: See `starting_point`: the parametrization's initial value.
-            spread: Standard deviation of Nevergrad's mutations, in the mapped box.
+            spread: Standard deviation of Nevergrad's mutations, in the mapped box; None: the
+                library's.
+            workers: How many evaluations the library plans for at a time; None: the number of
+                lanes, or 1 for an optimiser that allows no more.
             recommendation: "library": the optimiser's own; or see `EpisodeTuner`.
             reevaluate_top: See `EpisodeTuner`.
             reevaluate_share: See `EpisodeTuner`.
@@ -75,31 +109,55 @@ class NevergradTuner(EpisodeTuner):
         self._factory = factory
         self._start = start
         self._spread = LIBRARY_SPREAD if spread is None else spread
+        one_by_one = getattr(factory, "no_parallelization", False)
+        self._workers = workers or (1 if one_by_one else problem.lanes)
         self._first = starting_point(problem, start, self._rng)
         self._seed = int(self._rng.integers(2**32))
         self._begin()
 
     def _begin(self) -> None:
         """Make the optimiser as it is before the first ask."""
-        self._optimizer, self._workers = self._make()
+        self._global_random = np.random.RandomState(self._seed).get_state()
+        self._optimizer = self._make()
         self._asked: list[Any] = []
         self._history: list[int | np.ndarray] = []  # points asked; costs told
 
-    def _make(self) -> tuple[Optimizer, int]:
-        box = ng.p.Array(init=self._first, lower=-1.0, upper=1.0)
-        box.set_mutation(sigma=self._spread)
-        box.random_state.seed(self._seed)
-        workers = self._problem.lanes
-        with library_calls():
-            try:
-                return self._factory(box, self.search_episodes, workers), workers
-            except ValueError as error:
-                if "parallelization" not in str(error):
-                    raise
-            return self._factory(box, self.search_episodes, 1), 1
+    def _make(self) -> Optimizer:
+        with self._library():
+            box = ng.p.Array(init=self._first, lower=-1.0, upper=1.0)
+            box.set_mutation(sigma=self._spread)
+            box.random_state.seed(self._seed)
+            return self._factory(box, self.search_episodes, self._workers)
+
+    @contextmanager
+    def _library(self) -> Iterator[None]:
+        """Run the library's code in a house of its own.
+
+        Some optimisers draw from numpy's global random state: here they find one seeded from the
+        tuner's stream. Warnings about settings that are meant are silenced.
+
+        Raises:
+            ConfigError: If the library's code fails; some optimisers need packages that are not
+                installed, and some do not work with this version of numpy.
+        """
+        outside = np.random.get_state()  # noqa: NPY002
+        np.random.set_state(self._global_random)  # noqa: NPY002
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", InefficientSettingsWarning)
+                yield
+                _Thread.settle()
+        except Exception as error:
+            raise ConfigError(
+                f"Nevergrad's optimiser failed: {type(error).__name__}: {error}. "
+                "Choose another; TwoPointsDE, DiagonalCMA and PSO need nothing else"
+            ) from error
+        finally:
+            self._global_random = np.random.get_state()  # noqa: NPY002
+            np.random.set_state(outside)  # noqa: NPY002
 
     def _can_wait(self) -> bool:
-        return self._workers > 1
+        return False  # some wait for a cost before they can be asked again
 
     def _batch(self) -> int:
         """Return the number of points per ask."""
@@ -109,14 +167,14 @@ class NevergradTuner(EpisodeTuner):
         return self._ask_library(self._batch())
 
     def _ask_library(self, n: int) -> list[np.ndarray]:
-        with library_calls():
+        with self._library():
             candidates = [self._optimizer.ask() for _ in range(n)]
         self._asked += candidates
         self._history.append(n)
         return [np.array(candidate.value) for candidate in candidates]
 
     def _learn(self, costs: np.ndarray) -> dict[str, float]:
-        with library_calls():
+        with self._library():
             for candidate, cost in zip(self._asked, costs, strict=True):
                 self._optimizer.tell(candidate, float(cost))
         self._asked = []
@@ -126,11 +184,12 @@ class NevergradTuner(EpisodeTuner):
     def _own_recommendation(self) -> np.ndarray | None:
         if self._optimizer.num_tell == 0:
             return self._first
-        random_state = self._optimizer.parametrization.random_state
-        before = random_state.get_state()
-        with library_calls():
+        own, globally = self._optimizer.parametrization.random_state, self._global_random
+        before = own.get_state()
+        with self._library():
             value = np.array(self._optimizer.provide_recommendation().value)
-        random_state.set_state(before)
+        own.set_state(before)
+        self._global_random = globally
         return value
 
     def _own_state(self) -> Any:
@@ -201,20 +260,3 @@ class Nevergrad(NevergradTuner):
     def describe(self) -> dict[str, Any]:
         """Return the choices that a fair comparison must show."""
         return {**super().describe(), "spread": self._spread}
-
-
-@contextmanager
-def library_calls() -> Iterator[None]:
-    """Silence what Nevergrad says about settings that are meant, and explain what it lacks.
-
-    Raises:
-        ConfigError: If the optimiser needs a package that is not installed.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", InefficientSettingsWarning)
-        try:
-            yield
-        except ImportError as error:
-            raise ConfigError(
-                f"this Nevergrad optimiser needs a package that is not installed: {error}"
-            ) from error

@@ -1,0 +1,242 @@
+"""Bayesian optimisation by Nevergrad, made to last for thousands of evaluations."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import pickle
+import warnings
+from collections.abc import Callable
+from functools import partial
+from typing import Annotated, Any, Literal
+
+import nevergrad as ng
+import numpy as np
+from pydantic import Field
+from scipy.optimize import minimize
+from sklearn.gaussian_process import GaussianProcessRegressor
+
+from zoac.baselines.episodes import Count, Positive, Share
+from zoac.baselines.nevergrad import NevergradTuner
+from zoac.tuner import Problem
+
+
+class BayesOpt(NevergradTuner):
+    """Nevergrad's `BO`: a Gaussian process and an upper confidence bound, one point at a time.
+
+    The library fits its Gaussian process anew before each point, to all observations: thousands
+    of evaluations would take days. Two options bound that, both off (0 and None) in the library:
+    `refit_growth` and `max_observations`.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        start: Literal["random", "nominal", "middle", "library"] = "random",
+        initial_design: Count | None = None,
+        noise: Positive = 1e-6,
+        acquisition: Literal["ucb", "ei", "poi"] = "ucb",
+        kappa: Annotated[float, Field(ge=0)] = 2.576,
+        xi: Annotated[float, Field(ge=0)] = 0.0,
+        refit_growth: Annotated[float, Field(ge=0)] = 0.05,
+        max_observations: Annotated[int, Field(ge=10)] | None = 500,
+        recommendation: Literal["library", "mean", "best_seen", "reevaluated"] = "library",
+        reevaluate_top: Count = 10,
+        reevaluate_share: Share = 0.1,
+    ) -> None:
+        """
+        Args:
+            problem: What is tuned.
+            start: The first point; "library": none, the library ignores any start.
+            initial_design: Random points before the first fit; None: the library's, the square
+                root of the number of evaluations.
+            noise: Variance of the noise over that of the costs; the default is the library's and
+                means none.
+            acquisition: Upper confidence bound, expected improvement or its probability.
+            kappa: Standard deviations in the upper confidence bound.
+            xi: Margin in the two improvements.
+            refit_growth: The kernel's length scale is estimated anew when there are that share
+                more observations; in between the process is conditioned on all observations with
+                the last one. 0: at every point.
+            max_observations: The process sees no more than these: the cheapest half and the most
+                recent half. None: all.
+            recommendation: "library": the cheapest single episode's point; "mean": among the
+                points evaluated, the one of the lowest posterior mean as of the last ask; or see
+                `EpisodeTuner`.
+            reevaluate_top: See `EpisodeTuner`.
+            reevaluate_share: See `EpisodeTuner`.
+
+        Raises:
+            ConfigError: If `start` is "nominal" and the task has no nominal parameters.
+        """
+        self._suggests_start = start != "library"
+        self._model = {
+            "initial_design": initial_design,
+            "noise": noise,
+            "acquisition": acquisition,
+            "kappa": kappa,
+            "xi": xi,
+            "refit_growth": refit_growth,
+            "max_observations": max_observations,
+        }
+        factory = ng.families.ParametrizedBO(
+            init_budget=initial_design,
+            utility_kind=acquisition,
+            utility_kappa=kappa,
+            utility_xi=xi,
+            gp_parameters={"alpha": noise},
+        )
+        super().__init__(
+            problem,
+            factory,
+            start=start,
+            recommendation=recommendation,
+            reevaluate_top=reevaluate_top,
+            reevaluate_share=reevaluate_share,
+        )
+
+    def _make(self) -> Any:
+        optimizer = super()._make()
+        with self._library():
+            bo = optimizer.bo
+            # The library refuses the same point twice; with noise, twice is information.
+            bo._space._allow_duplicate_points = True
+            bo._gp = BoundedRegressor.like(
+                bo._gp, self._model["refit_growth"], self._model["max_observations"]
+            )
+            bo.suggest = partial(suggest, bo)
+            if self._suggests_start:
+                optimizer.suggest(self._first)
+        return optimizer
+
+    def _can_wait(self) -> bool:
+        return True
+
+    def _learn(self, costs: np.ndarray) -> dict[str, float]:
+        with contextlib.redirect_stdout(io.StringIO()):  # it prints each duplicate in red
+            return super()._learn(costs)
+
+    def _own_recommendation(self) -> np.ndarray | None:
+        bo = self._optimizer.bo
+        if self._recommendation != "mean" or not hasattr(bo._gp, "X_train_"):
+            return super()._own_recommendation()
+        points = bo.space.params
+        return points[int(np.argmax(bo._gp.predict(points)))] * 2.0 - 1.0
+
+    def _own_state(self) -> Any:
+        # Replaying would ask everything again, for hours; this optimiser pickles exactly.
+        return pickle.dumps((self._optimizer, self._asked, self._global_random))
+
+    def _own_restore(self, state: Any) -> None:
+        self._optimizer, self._asked, self._global_random = pickle.loads(state)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the choices that a fair comparison must show."""
+        design = self._model["initial_design"] or int(np.sqrt(self.search_episodes))
+        return {**super().describe(), **self._model, "initial_design": max(2, design)}
+
+
+class BoundedRegressor(GaussianProcessRegressor):
+    """A Gaussian process that estimates its kernel seldom and sees a bounded number of points."""
+
+    kernel: Any
+    optimizer: Any
+    growth: float
+    cap: int | None
+    _due: int = 0
+
+    @classmethod
+    def like(
+        cls, process: GaussianProcessRegressor, growth: float, cap: int | None
+    ) -> BoundedRegressor:
+        """Return one with the settings of `process`; see `BayesOpt` for the other two."""
+        bounded = cls(**process.get_params(deep=False))
+        bounded.growth, bounded.cap = growth, cap
+        return bounded
+
+    def fit(self, points: np.ndarray, values: np.ndarray) -> BoundedRegressor:
+        """Condition on `points` (n, d) and `values` (n,), to be maximised."""
+        kept = kept_observations(values, self.cap)
+        points, values_kept = points[kept], values[kept]
+        previous = getattr(self, "kernel_", None)
+        if previous is not None and len(values) < self._due:
+            return self._condition(points, values_kept, previous)
+        self._due = max(len(values) + 1, int(len(values) * (1.0 + self.growth)))
+        super().fit(points, values_kept)
+        if previous is not None and self.growth > 0:
+            # The library's estimate fails now and then, at a bound where the likelihood is flat;
+            # it would have a new chance at the next point, here it would stay for long.
+            likelihood = self.log_marginal_likelihood(previous.theta)
+            if likelihood > self.log_marginal_likelihood_value_:
+                return self._condition(points, values_kept, previous)
+        return self
+
+    def _condition(self, points: np.ndarray, values: np.ndarray, kernel: Any) -> BoundedRegressor:
+        prior, estimator = self.kernel, self.optimizer
+        self.kernel, self.optimizer = kernel, None
+        try:
+            super().fit(points, values)
+        finally:
+            self.kernel, self.optimizer = prior, estimator
+        return self
+
+
+def kept_observations(values: np.ndarray, cap: int | None) -> np.ndarray:
+    """Return the indices, ascending, of the best half and the latest half of `cap` values (n,)."""
+    n = len(values)
+    if cap is None or n <= cap:
+        return np.arange(n)
+    latest = np.arange(n - cap // 2, n)
+    earlier = np.argsort(-values[: latest[0]], kind="stable")[: cap - len(latest)]
+    return np.concatenate([np.sort(earlier), latest])
+
+
+def suggest(bo: Any, utility: Any) -> dict[str, float]:
+    """Return the next point, as `bayes_opt.BayesianOptimization.suggest` does, but faster."""
+    if len(bo.space) == 0:
+        return bo.space.array_to_params(bo.space.random_sample())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the fit's convergence, as in the library
+        bo._gp.fit(bo.space.params, bo.space.target)
+    best = bo.space.target.max()
+    point = maximise(
+        lambda points: utility.utility(points, bo._gp, best), bo.space.bounds, bo._random_state
+    )
+    return bo.space.array_to_params(point)
+
+
+def maximise(
+    function: Callable[[np.ndarray], np.ndarray],
+    bounds: np.ndarray,
+    random_state: np.random.RandomState,
+    samples: int = 10_000,
+    starts: int = 10,
+) -> np.ndarray:
+    """Return the best point (d,) of a random search and of L-BFGS-B from random starts.
+
+    It is `bayes_opt.util.acq_max`, from the same random numbers, with one difference: the d + 1
+    values of a finite-difference gradient come from one call, not from d + 1 of them.
+
+    Args:
+        function: Maps points (n, d) to values (n,).
+        bounds: Lower and upper bounds (d, 2).
+        random_state: Gives the random points.
+        samples: Points of the random search.
+        starts: Starts of L-BFGS-B.
+    """
+    low, high = bounds.T
+    points = random_state.uniform(low, high, (samples, len(low)))
+    values = function(points)
+    best, best_value = points[values.argmax()], values.max()
+
+    def descend(x: np.ndarray) -> tuple[float, np.ndarray]:
+        step = np.where(x + 1e-8 <= high, 1e-8, -1e-8)
+        value, *ahead = -function(np.vstack([x, x + np.diag(step)]))
+        return value, (np.array(ahead) - value) / step
+
+    for start in random_state.uniform(low, high, (starts, len(low))):
+        result = minimize(descend, start, jac=True, bounds=bounds, method="L-BFGS-B")
+        if result.success and -result.fun >= best_value:
+            best, best_value = result.x, -result.fun
+    return np.clip(best, low, high)

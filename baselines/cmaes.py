@@ -1,0 +1,116 @@
+"""CMA-ES by Nevergrad, as the library has it or as it is told."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import nevergrad as ng
+import numpy as np
+from pydantic import Field
+
+from zoac.baselines.episodes import Count, Positive, Share
+from zoac.baselines.nevergrad import NevergradTuner
+from zoac.tuner import Problem
+
+
+class CmaEs(NevergradTuner):
+    """Nevergrad's `CMA`, or its `ParametrizedCMA` where an option says otherwise.
+
+    On a bounded box `CMA` is not textbook CMA-ES: the library chooses a diagonal, elitist
+    variant of small population and small initial spread, and recommends the point of the
+    cheapest single episode since its last restart. `describe` shows what was chosen.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        start: Literal["random", "nominal", "middle"] = "random",
+        spread: Positive | None = None,
+        population: Annotated[int, Field(ge=2)] | None = None,
+        covariance: Literal["full", "diagonal"] | None = None,
+        elitist: bool | None = None,
+        recommendation: Literal["library", "mean", "best_seen", "reevaluated"] = "library",
+        reevaluate_top: Count = 10,
+        reevaluate_share: Share = 0.1,
+    ) -> None:
+        """
+        Four options are the library's choice where they are None. With any of them given, the
+        others become those of textbook CMA-ES: spread 0.5, population 4 + 3 ln d, full
+        covariance, not elitist.
+
+        Args:
+            problem: What is tuned.
+            start: The initial mean.
+            spread: Initial standard deviation in the mapped box.
+            population: Points per generation; a batch is then one generation.
+            covariance: "full" or "diagonal".
+            elitist: The best point so far stays in the population.
+            recommendation: "library"; "mean" of the search distribution; or see `EpisodeTuner`.
+            reevaluate_top: See `EpisodeTuner`.
+            reevaluate_share: See `EpisodeTuner`.
+
+        Raises:
+            ConfigError: If `start` is "nominal" and the task has no nominal parameters.
+        """
+        chosen = (spread, population, covariance, elitist)
+        self._by_library = all(option is None for option in chosen)
+        textbook = ng.families.ParametrizedCMA(
+            scale=1.0,
+            popsize=population or 4 + int(3 * np.log(problem.space.dimension)),
+            diagonal=covariance == "diagonal",
+            elitist=bool(elitist),
+        )
+        super().__init__(
+            problem,
+            ng.optimizers.registry["CMA"] if self._by_library else textbook,
+            start=start,
+            spread=None if self._by_library else self._mutation(problem, spread or 0.5),
+            # With more workers the library would enlarge the population to their number.
+            workers=None if self._by_library else 1,
+            recommendation=recommendation,
+            reevaluate_top=reevaluate_top,
+            reevaluate_share=reevaluate_share,
+        )
+
+    @staticmethod
+    def _mutation(problem: Problem, spread: float) -> float:
+        """Return Nevergrad's mutation standard deviation that gives CMA-ES this spread."""
+        factor = 0.3 if problem.space.dimension < 18 else 0.15  # the library's, for a bounded box
+        return spread / factor
+
+    @property
+    def _strategy(self) -> Any:
+        """The `cma.CMAEvolutionStrategy` within."""
+        optimizer = self._optimizer.optim if self._by_library else self._optimizer
+        with self._library():
+            # The property `es` restarts a strategy that has converged: not for looking at it.
+            return optimizer.es if optimizer._es is None else optimizer._es
+
+    def _can_wait(self) -> bool:
+        return True
+
+    def _batch(self) -> int:
+        return super()._batch() if self._by_library else int(self._strategy.popsize)
+
+    def _learn(self, costs: np.ndarray) -> dict[str, float]:
+        metrics = super()._learn(costs)
+        return {**metrics, "spread": float(self._strategy.sigma) * self._spread}
+
+    def _own_recommendation(self) -> np.ndarray | None:
+        if self._recommendation != "mean":
+            return super()._own_recommendation()
+        with self._library():
+            box = self._optimizer.parametrization.spawn_child()
+            return np.array(box.set_standardized_data(self._strategy.mean).value)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the choices, those of the library as it made them."""
+        strategy = self._strategy
+        return {
+            **super().describe(),
+            "spread": float(strategy.sigma0) * self._spread,
+            "population": int(strategy.popsize),
+            "covariance": "diagonal" if strategy.opts["CMA_diagonal"] else "full",
+            "elitist": bool(strategy.opts["CMA_elitist"]),
+        }

@@ -1,0 +1,156 @@
+"""Optuna's samplers: Bayesian optimisation that takes noise and batches into account."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+from scipy.special import ndtri
+from scipy.stats import rankdata
+
+from zoac.baselines.bo import kept_observations
+from zoac.baselines.episodes import Count, EpisodeTuner, Share, starting_point
+from zoac.errors import ConfigError
+from zoac.tuner import Problem
+
+try:
+    import optuna
+except ImportError as error:
+    raise ConfigError("this tuner needs Optuna: pip install 'zoac[optuna]'") from error
+
+
+class Optuna(EpisodeTuner):
+    """A Gaussian process with a noise term, or a tree of Parzen estimators, in batches.
+
+    The history lies here, not in an Optuna study: each batch is asked of a study made of the
+    observations kept, with their costs transformed.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        sampler: Literal["gp", "tpe"] = "gp",
+        initial_design: Count = 20,
+        costs: Literal["normal_scores", "raw"] = "normal_scores",
+        max_observations: Annotated[int, Field(ge=10)] | None = 500,
+        start: Literal["random", "nominal", "middle"] = "random",
+        recommendation: Literal["best_seen", "reevaluated"] = "best_seen",
+        reevaluate_top: Count = 10,
+        reevaluate_share: Share = 0.1,
+    ) -> None:
+        """
+        Args:
+            problem: What is tuned.
+            sampler: "gp": Gaussian process, log expected improvement, points under evaluation
+                taken into account; "tpe": multivariate tree-structured Parzen estimator.
+            initial_design: Random points before the first model.
+            costs: "normal_scores": the model sees the normal quantiles of the costs' ranks, so a
+                few huge costs do not hide the differences of the others; or "raw" costs.
+            max_observations: The model sees no more than these: the cheapest half and the most
+                recent half. None: all.
+            start: The first point.
+            recommendation: The library's own is "best_seen"; see `EpisodeTuner`.
+            reevaluate_top: See `EpisodeTuner`.
+            reevaluate_share: See `EpisodeTuner`.
+
+        Raises:
+            ConfigError: If `start` is "nominal" and the task has no nominal parameters.
+        """
+        super().__init__(
+            problem,
+            recommendation=recommendation,
+            reevaluate_top=reevaluate_top,
+            reevaluate_share=reevaluate_share,
+        )
+        self._options = {
+            "sampler": sampler,
+            "initial_design": initial_design,
+            "costs": costs,
+            "max_observations": max_observations,
+            "start": start,
+        }
+        self._first = starting_point(problem, start, self._rng)
+        self._sampler = _sampler(sampler, initial_design, int(self._rng.integers(1, 2**32)))
+        self._box = {
+            name: optuna.distributions.FloatDistribution(-1.0, 1.0) for name in problem.space.names
+        }
+        self._points = np.empty((0, problem.space.dimension))
+        self._seen = np.empty(0)
+        self._asked: list[np.ndarray] = []
+
+    def _draw(self) -> list[np.ndarray]:
+        began = bool(len(self._seen) or self._asked)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            study = self._study()
+            trials = [study.ask(self._box) for _ in range(self._problem.lanes)]
+        points = [np.array([trial.params[name] for name in self._box]) for trial in trials]
+        if not began:
+            points[0] = self._first
+        self._asked += points
+        return points
+
+    def _study(self) -> Any:
+        """Return a study of the observations kept, as the model shall see them."""
+        study = optuna.create_study(sampler=self._sampler)
+        kept = kept_observations(-self._seen, self._options["max_observations"])
+        costs = self._seen[kept]
+        if self._options["costs"] == "normal_scores":
+            costs = normal_scores(costs)
+        study.add_trials(
+            [
+                optuna.trial.create_trial(
+                    params=dict(zip(self._box, map(float, point), strict=True)),
+                    distributions=self._box,
+                    value=float(cost),
+                )
+                for point, cost in zip(self._points[kept], costs, strict=True)
+            ]
+        )
+        return study
+
+    def _learn(self, costs: np.ndarray) -> dict[str, float]:
+        self._points = np.concatenate([self._points, np.stack(self._asked)])
+        self._seen = np.concatenate([self._seen, costs])
+        self._asked = []
+        return {}
+
+    def _own_recommendation(self) -> np.ndarray | None:
+        return None
+
+    def _own_state(self) -> Any:
+        return pickle.dumps((self._sampler, self._points, self._seen, self._asked))
+
+    def _own_restore(self, state: Any) -> None:
+        self._sampler, self._points, self._seen, self._asked = pickle.loads(state)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the choices that a fair comparison must show."""
+        return {
+            "library": f"optuna {optuna.__version__}",
+            **self._options,
+            "batch": self._problem.lanes,
+            **super().describe(),
+        }
+
+
+def _sampler(kind: str, initial_design: int, seed: int) -> Any:
+    if kind == "gp":
+        return optuna.samplers.GPSampler(seed=seed, n_startup_trials=initial_design)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        return optuna.samplers.TPESampler(
+            seed=seed, n_startup_trials=initial_design, multivariate=True, constant_liar=True
+        )
+
+
+def normal_scores(values: np.ndarray) -> np.ndarray:
+    """Return the standard normal quantiles (n,) of the ranks of `values` (n,); ties share one."""
+    return ndtri((rankdata(values) - 0.5) / max(len(values), 1))
+
+
+optuna.logging.set_verbosity(optuna.logging.WARNING)  # a study of its own for each batch

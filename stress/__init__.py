@@ -1,0 +1,1 @@
+"""Long proofs of the promises that tests check briefly; run by hand."""

@@ -1,0 +1,115 @@
+"""A noisy quadratic to tune, and a driver without trainer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+from omegaconf import OmegaConf
+
+import zoac.conf
+from zoac.environment import LaneEnv
+from zoac.parameters import Parameter, ParameterSpace
+from zoac.rollout import LaneGroup, Segment
+from zoac.seeding import stream_seed
+from zoac.task import Task
+from zoac.tuner import Problem, Tuner
+
+CONF = Path(zoac.conf.__path__[0])
+STEPS = 10
+LANES = 5
+TARGET = np.array([0.3, -0.5, 0.1, 0.6, -0.2])
+
+
+def true_cost(z: np.ndarray) -> float:
+    return float(((z - TARGET) ** 2).sum())
+
+
+class QuadraticLanes(LaneEnv):
+    """An episode of ten steps costs the distance to TARGET squared, plus noise."""
+
+    def __init__(self, n: int) -> None:
+        box = Box(-np.inf, np.inf, (1,), np.float64)
+        super().__init__(n, box, Box(-np.inf, np.inf, (5,), np.float64), STEPS)
+        self.arrays = {"noise": np.zeros((n, 1))}
+
+    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
+        self.arrays["noise"][lane] = rng.normal(0.0, 0.1)
+
+    def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        cost = ((actions - TARGET) ** 2).sum(axis=1) + self.arrays["noise"][:, 0]
+        return cost / STEPS, np.zeros(self.num_envs, dtype=bool)
+
+    def _observe(self) -> np.ndarray:
+        return np.ones((self.num_envs, 1))
+
+
+class Pass:
+    """Acts with the parameters themselves."""
+
+    def init(self, n: int) -> dict[str, np.ndarray]:
+        return {}
+
+    def act(self, params: Any, obs: np.ndarray, memory: Any) -> Any:
+        return np.stack(list(params.values()), axis=1), {}, {}
+
+
+class Quadratic(Task):
+    space = ParameterSpace([Parameter(name, -1.0, 1.0) for name in "abcde"])
+
+    def make_env(self, n: int) -> QuadraticLanes:
+        return QuadraticLanes(n)
+
+    def make_controller(self) -> Pass:
+        return Pass()
+
+
+def problem(seed: int = 0, episodes: int = 100, **changes: Any) -> Problem:
+    made = Problem(Quadratic.space, 1, LANES, episodes * STEPS, STEPS, seed, np.zeros(5))
+    return replace(made, **changes)
+
+
+def lanes(seed: int = 0) -> LaneGroup:
+    seeds = [stream_seed(seed, "lane", lane) for lane in range(LANES)]
+    return LaneGroup(Quadratic(), range(LANES), seeds)
+
+
+def tuner_config(name: str) -> dict[str, Any]:
+    """The config of a tuner as the command line would resolve it, without a task's wishes."""
+    config = OmegaConf.create(
+        {
+            "tuner": _with_defaults(name),
+            "fidelity": OmegaConf.load(CONF / "fidelity" / "paper.yaml"),
+            "task": {},
+        }
+    )
+    return OmegaConf.to_container(config, resolve=True)["tuner"]
+
+
+def _with_defaults(name: str) -> Any:
+    node = OmegaConf.load(CONF / "tuner" / f"{name}.yaml")
+    parents = [parent for parent in node.pop("defaults", []) if parent != "_self_"]
+    return OmegaConf.merge(*map(_with_defaults, parents), node)
+
+
+def spoiled(segment: Segment, cost: float) -> Segment:
+    return segment.with_costs(np.full(segment.length, cost))
+
+
+def drive(tuner: Tuner, group: LaneGroup, steps: int, spoil: Any = None) -> list[np.ndarray]:
+    """Ask and tell for at least `steps` steps, if the tuner wants them; return what was asked.
+
+    `spoil(i, segment)`, if given, returns what is told in place of the i-th segment.
+    """
+    asked: list[np.ndarray] = []
+    while steps > 0 and (proposals := tuner.ask()):
+        segments = group.rollout(proposals)
+        steps -= sum(s.length for s in segments)
+        if spoil is not None:
+            segments = [spoil(len(asked) + i, s) for i, s in enumerate(segments)]
+        tuner.tell(segments)
+        asked += [p.z for p in proposals]
+    return asked

@@ -1,0 +1,172 @@
+import pickle
+import sys
+
+import numpy as np
+import pytest
+from bayes_opt.util import UtilityFunction, acq_max
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import Matern
+
+from tests.baselines.support import STEPS, TARGET, drive, lanes, problem, spoiled, true_cost
+from zoac.baselines.bo import BayesOpt, BoundedRegressor, kept_observations, maximise
+from zoac.baselines.optuna import Optuna, normal_scores
+from zoac.baselines.random_search import RandomSearch
+from zoac.errors import ConfigError
+
+# The library's estimate of the length scale ends at a bound now and then.
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+
+
+def data(n=40):
+    rng = np.random.default_rng(1)
+    points = rng.uniform(size=(n, 3))
+    return points, np.sin(5.0 * points).sum(axis=1)
+
+
+def process():
+    return GaussianProcessRegressor(Matern(nu=2.5), alpha=1e-6, normalize_y=True, random_state=0)
+
+
+def test_unbounded_and_refitted_it_is_the_librarys_process():
+    points, values = data()
+    plain, bounded = process(), BoundedRegressor.like(process(), growth=0.0, cap=None)
+    for n in (20, 21, 40):
+        plain.fit(points[:n], values[:n])
+        bounded.fit(points[:n], values[:n])
+        assert np.array_equal(plain.predict(points), bounded.predict(points))
+
+
+def test_the_length_scale_is_estimated_anew_as_observations_grow():
+    points, values = data(98)
+    bounded = BoundedRegressor.like(process(), growth=0.5, cap=None)
+    scales = [bounded.fit(points[:n], values[:n]).kernel_.length_scale for n in (44, 65, 66, 98)]
+    assert scales[0] == scales[1] != scales[2] == scales[3]
+
+
+def test_a_worse_estimate_of_the_length_scale_does_not_replace_a_better():
+    points, values = data(66)
+    bounded = BoundedRegressor.like(process(), growth=0.5, cap=None)
+    good = bounded.fit(points[:44], values[:44]).kernel_.length_scale
+    bounded.optimizer = lambda likelihood, start, bounds: (np.log([1e-5]), 0.0)
+    bounded.n_restarts_optimizer = 0
+    assert bounded.fit(points, values).kernel_.length_scale == good
+
+
+def test_between_estimates_it_still_learns_from_each_observation():
+    points, values = data(29)
+    bounded = BoundedRegressor.like(process(), growth=0.5, cap=None)
+    bounded.fit(points[:20], values[:20])
+    bounded.fit(points, values)
+    assert np.allclose(bounded.predict(points), values, atol=1e-3)
+
+
+def test_best_half_and_latest_half_are_kept():
+    values = np.array([9.0, 1.0, 8.0, 2.0, 7.0, 0.0, 3.0, 4.0])
+    assert kept_observations(values, 4).tolist() == [0, 2, 6, 7]
+    assert kept_observations(values, 8).tolist() == list(range(8))
+    assert kept_observations(values, None).tolist() == list(range(8))
+
+
+def test_the_acquisition_is_maximised_as_the_library_does():
+    points, values = data()
+    model = process().fit(points, values)
+    utility = UtilityFunction(kind="ucb", kappa=2.576, xi=0.0).utility
+    bounds = np.array([[0.0, 1.0]] * 3)
+    theirs = acq_max(utility, model, values.max(), bounds, np.random.RandomState(0))
+    ours = maximise(
+        lambda x: utility(x, model, values.max()),
+        bounds,
+        np.random.RandomState(0),
+    )
+    assert np.allclose(ours, theirs, atol=1e-3)
+
+
+def test_the_acquisition_is_maximised_inside_the_box():
+    def rising(points):
+        assert np.all((points >= 0.0) & (points <= 1.0))
+        return points.sum(axis=1)
+
+    bounds = np.array([[0.0, 1.0]] * 3)
+    assert maximise(rising, bounds, np.random.RandomState(0)).tolist() == [1.0] * 3
+
+
+def test_bo_evaluates_its_start_first():
+    assert np.array_equal(BayesOpt(problem(nominal=TARGET), start="nominal").ask()[0].z, TARGET)
+
+
+def test_bo_describes_the_random_design_it_makes():
+    tuner = BayesOpt(problem(episodes=50), start="library")
+    assert tuner.describe()["initial_design"] == 7
+    for _ in range(7):
+        assert not hasattr(tuner._optimizer.bo._gp, "X_train_")
+        drive(tuner, lanes(), 1)
+    tuner.ask()
+    assert hasattr(tuner._optimizer.bo._gp, "X_train_")
+
+
+def test_bo_takes_the_same_point_twice():
+    tuner = BayesOpt(problem(), noise=0.1, start="nominal")
+    drive(tuner, lanes(), 1)
+    tuner._optimizer.suggest(np.zeros(5))
+    drive(tuner, lanes(), 1)
+    assert len(tuner._optimizer.bo.space) == 2
+
+
+def evaluate(tuner, group, z, cost):
+    """Let the tuner ask for `z` next and tell it that cost."""
+    tuner._optimizer.suggest(z)
+    segments = group.rollout(tuner.ask())
+    assert np.allclose(segments[0].proposal.z, z)
+    tuner.tell([spoiled(segments[0], cost / STEPS)])
+
+
+def test_bo_can_recommend_the_lowest_posterior_mean():
+    """One lucky cost does not sway a model that knows of the noise; ten of a kind do."""
+    rng = np.random.default_rng(0)
+    tuner, group = BayesOpt(problem(), noise=1.0, recommendation="mean", initial_design=2), lanes()
+    drive(tuner, group, 3 * STEPS)  # the start and the design
+    lucky = np.full(5, -0.9)
+    evaluate(tuner, group, lucky, -0.3)
+    for _ in range(10):
+        evaluate(tuner, group, TARGET + rng.uniform(-0.02, 0.02, 5), rng.normal(0.0, 0.1))
+        evaluate(tuner, group, rng.uniform(-1.0, 1.0, 5), 2.0)
+    tuner.ask()
+    assert np.abs(tuner.recommend() - TARGET).max() < 0.03
+    assert np.allclose(tuner._best.points[0], lucky)
+
+
+def test_normal_scores_are_those_of_a_normal_sample():
+    assert np.allclose(normal_scores(np.array([30.0, 1e9, -2.0])), [0.0, 0.9674216, -0.9674216])
+    assert normal_scores(np.array([1.0, 1.0])).tolist() == [0.0, 0.0]
+
+
+def test_optuna_evaluates_its_start_first():
+    assert np.array_equal(Optuna(problem(nominal=TARGET), start="nominal").ask()[0].z, TARGET)
+
+
+def test_optunas_gaussian_process_restores_exactly():
+    def make():
+        return Optuna(problem(), initial_design=5)
+
+    tuner, group = make(), lanes()
+    drive(tuner, group, 10 * STEPS)
+    twin, twin_group = make(), lanes()
+    twin.restore(pickle.loads(pickle.dumps(tuner.state())))
+    twin_group.restore(group.state())
+    np.random.seed(3)  # noqa: NPY002
+    asked = drive(twin, twin_group, 5 * STEPS)
+    assert all(map(np.array_equal, asked, drive(tuner, group, 5 * STEPS)))
+
+
+def test_optunas_gaussian_process_beats_random_search():
+    tuner, random = Optuna(problem(), initial_design=10), RandomSearch(problem())
+    drive(tuner, lanes(), 25 * STEPS)
+    drive(random, lanes(), 25 * STEPS)
+    assert true_cost(tuner.recommend()) < true_cost(random.recommend())
+
+
+def test_a_missing_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    monkeypatch.delitem(sys.modules, "zoac.baselines.optuna")
+    with pytest.raises(ConfigError, match=r"pip install 'zoac\[optuna\]'"):
+        __import__("zoac.baselines.optuna")

@@ -1,0 +1,143 @@
+"""What every tuner must keep: found through its file in conf/tuner."""
+
+import json
+import pickle
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tests.baselines.support import (
+    CONF,
+    STEPS,
+    drive,
+    lanes,
+    problem,
+    spoiled,
+    true_cost,
+    tuner_config,
+)
+from zoac.build import build
+from zoac.errors import ConfigError
+
+NAMES = sorted(path.stem for path in (CONF / "tuner").glob("*.yaml"))
+SEARCHING = [name for name in NAMES if name != "nominal"]
+# Asks of bo are slow. The other sampler of optuna runs in test_bayes.py.
+EPISODES = {"bo": 25, "optuna": 100, "cmaes": 400, "nevergrad": 300}
+OPTIONS = {"optuna": {"sampler": "tpe"}}
+
+
+def make(name, seed=0, episodes=None):
+    config = tuner_config(name) | OPTIONS.get(name, {})
+    try:
+        return build(config, "tuner", problem=problem(seed, episodes or EPISODES.get(name, 600)))
+    except ConfigError as error:
+        if "pip install" in str(error):
+            pytest.skip(str(error))
+        raise
+
+
+def short(name):
+    """Steps that show a tuner past its first batches."""
+    return STEPS * {"bo": 8, "optuna": 30}.get(name, 60)
+
+
+def same(one, other):
+    return len(one) == len(other) and all(map(np.array_equal, one, other))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_same_seed_asks_the_same_whatever_others_draw(name):
+    first = drive(make(name), lanes(), short(name))
+    np.random.seed(5)  # noqa: NPY002
+    assert same(first, drive(make(name), lanes(), short(name)))
+
+
+@pytest.mark.parametrize("name", SEARCHING)
+def test_other_seeds_ask_otherwise(name):
+    assert not same(drive(make(name), lanes(), 1), drive(make(name, seed=1), lanes(), 1))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_restored_tuner_goes_on_to_the_same_bits(name):
+    tuner, group = make(name), lanes()
+    drive(tuner, group, short(name))
+    state, lane_states = pickle.loads(pickle.dumps((tuner.state(), group.state())))
+    twin, twin_group = make(name), lanes()
+    twin.restore(state)
+    twin_group.restore(lane_states)
+    assert np.array_equal(tuner.recommend(), twin.recommend())
+    np.random.seed(5)  # noqa: NPY002
+    assert same(drive(tuner, group, short(name)), drive(twin, twin_group, short(name)))
+    assert np.array_equal(tuner.recommend(), twin.recommend())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_state_does_not_change_when_its_tuner_goes_on(name):
+    tuner, group = make(name), lanes()
+    drive(tuner, group, short(name))
+    state = tuner.state()
+    recommended = tuner.recommend()
+    drive(tuner, group, short(name))
+    tuner.restore(state)
+    assert np.array_equal(tuner.recommend(), recommended)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_recommending_and_describing_change_nothing(name):
+    watched, left_alone = make(name), make(name)
+    group, other_group = lanes(), lanes()
+    for _ in range(3):
+        watched.recommend()
+        watched.describe()
+        one = drive(watched, group, short(name) // 3)
+        assert same(one, drive(left_alone, other_group, short(name) // 3))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_recommendation_lies_in_the_box_from_the_start(name):
+    tuner, group = make(name), lanes()
+    for _ in range(3):
+        z = tuner.recommend()
+        assert z.shape == (5,)
+        assert np.all(np.abs(problem().space.clip(z)) <= 1.0)
+        assert np.isfinite(z).all()
+        drive(tuner, group, short(name) // 3)
+
+
+@pytest.mark.parametrize("name", SEARCHING)
+def test_bad_costs_do_not_break_it(name):
+    bad = {0: np.nan, 1: np.inf}
+    tuner = make(name)
+    drive(tuner, lanes(), short(name), lambda i, s: spoiled(s, bad[i % 4]) if i % 4 in bad else s)
+    assert np.isfinite(tuner.recommend()).all()
+    assert all(np.isfinite(p.z).all() for p in tuner.ask())
+
+
+@pytest.mark.parametrize("name", SEARCHING)
+def test_nothing_but_bad_costs_at_first_does_not_break_it(name):
+    tuner = make(name)
+    batch = len(tuner.ask())
+    tuner = make(name)
+    drive(tuner, lanes(), short(name), lambda i, s: spoiled(s, np.nan) if i < batch else s)
+    assert np.isfinite(tuner.recommend()).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_its_choices_can_be_logged(name):
+    json.dumps(make(name).describe())
+
+
+@pytest.mark.parametrize("name", [n for n in SEARCHING if n != "random"])
+def test_beats_random_search_on_a_noisy_quadratic(name):
+    """On the mean over two seeds, with as many episodes."""
+    episodes = EPISODES.get(name, 600)
+    mine = [found(name, seed, episodes) for seed in (0, 1)]
+    assert np.mean(mine) < np.mean([found("random", seed, episodes) for seed in (0, 1)])
+
+
+@cache
+def found(name, seed, episodes):
+    tuner = make(name, seed, episodes)
+    drive(tuner, lanes(seed), episodes * STEPS)
+    return true_cost(problem().space.clip(tuner.recommend()))

@@ -1,0 +1,146 @@
+import numpy as np
+import pytest
+
+from tests.baselines.support import STEPS, TARGET, drive, lanes, problem, spoiled, true_cost
+from zoac.baselines.es import EvolutionStrategy, es_gradient
+from zoac.baselines.nominal import NominalTuner
+from zoac.baselines.random_search import RandomSearch
+from zoac.errors import ConfigError
+from zoac.seeding import stream_seed
+
+
+class Recorder(RandomSearch):
+    """Random search that keeps what it learns from."""
+
+    def __init__(self, *args, **options):
+        super().__init__(*args, **options)
+        self.learnt = []
+
+    def _learn(self, costs):
+        self.learnt.append(costs)
+        return super()._learn(costs)
+
+
+def tell(tuner, group, costs):
+    """Tell one batch of episodes that cost this much."""
+    segments = group.rollout(tuner.ask())
+    return tuner.tell([spoiled(s, c / STEPS) for s, c in zip(segments, costs, strict=True)])
+
+
+def test_whole_episodes_are_spread_over_the_lanes():
+    proposals = EvolutionStrategy(problem(), population=7).ask()
+    assert [p.lane for p in proposals] == [0, 1, 2, 3, 4, 0, 1]
+    assert all(p.horizon is None and p.seed is None for p in proposals)
+
+
+def test_the_cheapest_single_episode_is_recommended():
+    tuner, group = RandomSearch(problem()), lanes()
+    asked = group.rollout(tuner.ask())
+    metrics = tuner.tell([spoiled(s, c) for s, c in zip(asked, (3, 2, 1, 4, 5), strict=True)])
+    assert np.array_equal(tuner.recommend(), asked[2].proposal.z)
+    assert metrics["best_seen"] == pytest.approx(1 * STEPS)
+    assert metrics["cost_mean"] == pytest.approx(3 * STEPS)
+
+
+def test_a_bad_episode_costs_more_than_the_worst_and_is_never_best():
+    tuner, group = Recorder(problem()), lanes()
+    metrics = tell(tuner, group, [np.nan, 5.0, 2.0, -np.inf, np.inf])
+    assert np.allclose(tuner.learnt[0], [8.0, 5.0, 2.0, 8.0, 8.0])
+    assert metrics["cost_not_finite"] == 3
+    assert metrics["best_seen"] == pytest.approx(2.0)
+
+
+def test_bad_batches_wait_for_the_first_finite_cost():
+    tuner, group = Recorder(problem()), lanes()
+    tell(tuner, group, [np.nan] * 5)
+    assert tuner.learnt == []
+    tell(tuner, group, [4.0, 1.0, 2.0, 3.0, 1.0])
+    assert np.allclose(tuner.learnt[0], [7.0] * 5 + [4.0, 1.0, 2.0, 3.0, 1.0])
+
+
+def reevaluated(seed=0):
+    """A random search whose last tenth of 500 episodes re-evaluates the best five."""
+    return RandomSearch(problem(seed, 500), recommendation="reevaluated", reevaluate_top=5)
+
+
+def test_reevaluation_spends_the_last_share_of_the_budget():
+    tuner, group = reevaluated(), lanes()
+    drive(tuner, group, 450 * STEPS - 1)
+    for round_ in range(10):
+        proposals = tuner.ask()
+        assert {p.seed for p in proposals} == {stream_seed(0, "reevaluation", round_)}
+        assert len({p.z.tobytes() for p in proposals}) == 5
+        metrics = tuner.tell(group.rollout(proposals))
+    assert metrics["reevaluation_rounds"] == 10
+
+
+def test_reevaluation_reports_how_lucky_the_best_had_been():
+    """Random points cost alike here, so that noise alone makes the best seem good."""
+    tuner, group = reevaluated(), lanes()
+    rng = np.random.default_rng(0)
+    drive(tuner, group, 450 * STEPS, lambda i, s: spoiled(s, rng.normal() / STEPS))
+    for _ in range(200):
+        segments = group.rollout(tuner.ask())
+        metrics = tuner.tell([spoiled(s, rng.normal() / STEPS) for s in segments])
+    luck = -np.sort(np.random.default_rng(0).normal(size=450))[:5].mean()
+    assert metrics["optimism"] == pytest.approx(luck, abs=4 / np.sqrt(200 * 5))
+
+
+def test_reevaluation_recommends_the_best_mean_of_the_held_out_episodes():
+    tuner, group = reevaluated(), lanes()
+    drive(tuner, group, 450 * STEPS)
+    points = [p.z for p in tuner.ask()]
+    drive(tuner, group, 50 * STEPS)
+    assert np.array_equal(tuner.recommend(), min(points, key=true_cost))
+
+
+def test_a_run_restored_during_reevaluation_goes_on_to_the_same_numbers():
+    tuner, group = reevaluated(), lanes()
+    drive(tuner, group, 460 * STEPS)
+    twin = reevaluated()
+    twin.restore(tuner.state())
+    proposals = tuner.ask()
+    assert [p.seed for p in twin.ask()] == [p.seed for p in proposals]
+    segments = group.rollout(proposals)
+    assert twin.tell(segments) == tuner.tell(segments)
+
+
+def test_gradient_is_equation_2():
+    """On a linear cost g.z with noise vectors that are orthonormal up to sqrt(n): exactly g."""
+    g, sigma = np.array([2.0, -1.0, 0.5]), 0.1
+    noise = np.sqrt(6) * np.concatenate([np.eye(3), -np.eye(3)]) / np.sqrt(2)
+    costs = 7.0 + (sigma * noise) @ g
+    assert np.allclose(es_gradient(noise, costs, sigma, standardise=False), g)
+
+
+def test_standardised_gradient_ignores_the_costs_scale_and_offset():
+    noise = np.random.default_rng(0).normal(size=(8, 3))
+    costs = np.arange(8.0) ** 2
+    one = es_gradient(noise, costs, 0.1, standardise=True)
+    assert np.allclose(one, es_gradient(noise, 50 * costs + 9, 0.1, standardise=True))
+    assert not np.allclose(one, es_gradient(noise, 50 * costs + 9, 0.1, standardise=False))
+
+
+def test_equal_costs_move_nothing():
+    noise = np.random.default_rng(0).normal(size=(8, 3))
+    assert not es_gradient(noise, np.full(8, 3.0), 0.1, standardise=True).any()
+
+
+def test_the_search_distribution_has_the_spread_asked_for():
+    tuner = EvolutionStrategy(problem(), population=4000, sigma=0.2, start="nominal")
+    points = np.stack([p.z for p in tuner.ask()])
+    assert points.std() == pytest.approx(0.2, rel=0.03)
+    assert points.mean() == pytest.approx(0.0, abs=0.01)
+
+
+def test_nominal_start_needs_nominal_parameters():
+    with pytest.raises(ConfigError, match="start: nominal needs a task with nominal parameters"):
+        EvolutionStrategy(problem(nominal=None), start="nominal")
+
+
+def test_nominal_tuner_asks_nothing_and_recommends_the_nominal_parameters():
+    tuner = NominalTuner(problem(nominal=TARGET))
+    assert tuner.ask() == []
+    assert np.array_equal(tuner.recommend(), TARGET)
+    with pytest.raises(ConfigError, match="tuner=nominal needs a task with nominal parameters"):
+        NominalTuner(problem(nominal=None))

@@ -1,0 +1,109 @@
+import subprocess
+import sys
+
+import nevergrad as ng
+import numpy as np
+import pytest
+
+from tests.baselines.support import STEPS, drive, lanes, problem
+from zoac.baselines.cmaes import CmaEs
+from zoac.baselines.nevergrad import Nevergrad
+from zoac.errors import ConfigError
+
+# Differential evolution, chained choices, a swarm, a thread of its own (Powell), one that draws
+# from numpy's global random state (DSproba), a one-shot design.
+NAMES = ["TwoPointsDE", "NGO", "PSO", "Powell", "DSproba", "ScrHammersleySearch", "CMA"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_any_optimiser_restores_exactly(name):
+    np.random.seed(3)  # noqa: NPY002
+    tuner, group = Nevergrad(problem(episodes=500), name=name), lanes()
+    drive(tuner, group, 30 * STEPS)
+    np.random.seed(4)  # noqa: NPY002
+    twin, twin_group = Nevergrad(problem(episodes=500), name=name), lanes()
+    twin.restore(tuner.state())
+    twin_group.restore(group.state())
+    expected = drive(tuner, group, 30 * STEPS)
+    asked = drive(twin, twin_group, 30 * STEPS)
+    assert all(map(np.array_equal, asked, expected))
+    assert np.array_equal(twin.recommend(), tuner.recommend())
+
+
+def test_the_global_random_state_is_left_alone():
+    np.random.seed(3)  # noqa: NPY002
+    before = np.random.get_state()[1].copy()  # noqa: NPY002
+    drive(Nevergrad(problem(episodes=500), name="DSproba"), lanes(), 20 * STEPS)
+    assert np.array_equal(np.random.get_state()[1], before)  # noqa: NPY002
+
+
+def test_points_come_one_by_one_where_the_library_allows_no_more():
+    assert len(Nevergrad(problem(), name="Powell").ask()) == 1
+    assert len(Nevergrad(problem(), name="PSO").ask()) == 5
+
+
+def test_unknown_name_is_refused_with_the_nearest():
+    with pytest.raises(ConfigError, match="did you mean 'TwoPointsDE'"):
+        Nevergrad(problem(), name="TwoPointDE")
+
+
+def test_a_package_that_lacks_is_named():
+    with pytest.raises(ConfigError, match="fcmaes"):
+        Nevergrad(problem(), name="FCMA").ask()
+
+
+def test_an_optimiser_in_a_thread_lets_python_exit():
+    code = (
+        "from tests.baselines.support import problem\n"
+        "from zoac.baselines.nevergrad import Nevergrad\n"
+        "tuner = Nevergrad(problem(), name='Powell')\n"
+        "tuner.ask()\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+def spread_of_first_generations(tuner, n=60):
+    """Standard deviation of points drawn before anything is told."""
+    return np.concatenate([[p.z for p in tuner.ask()] for _ in range(n)]).std()
+
+
+def test_cma_starts_with_the_spread_that_it_describes():
+    tuner = CmaEs(problem(), start="middle", spread=0.2, population=20)
+    assert tuner.describe()["spread"] == pytest.approx(0.2)
+    assert spread_of_first_generations(tuner) == pytest.approx(0.2, rel=0.05)
+
+
+def test_the_librarys_own_spread_is_described_as_it_is():
+    tuner = CmaEs(problem(), start="middle")
+    described = tuner.describe()
+    assert described["covariance"] == "diagonal"
+    assert described["elitist"] is True
+    assert spread_of_first_generations(tuner) == pytest.approx(described["spread"], rel=0.05)
+
+
+def test_a_generation_is_the_population_asked_for():
+    tuner = CmaEs(problem(), population=3)
+    assert len(tuner.ask()) == tuner.describe()["population"] == 3
+
+
+def test_without_options_it_is_the_librarys_cma():
+    tuner = CmaEs(problem())
+    plain = ng.optimizers.registry["CMA"](
+        ng.p.Array(init=tuner.recommend(), lower=-1.0, upper=1.0), budget=100, num_workers=5
+    )
+    described = CmaEs(problem()).describe()
+    tuner.ask()
+    plain.ask()
+    assert described["population"] == plain.optim.es.popsize
+    assert described["spread"] == pytest.approx(plain.optim.es.sigma0 / 3.0)
+
+
+def test_mean_recommends_the_mean_of_the_search_distribution():
+    tuner = CmaEs(problem(), population=400, spread=0.3, start="middle", recommendation="mean")
+    assert np.allclose(tuner.recommend(), 0.0)
+    drive(tuner, lanes(), STEPS)
+    mean = tuner.recommend()
+    assert 0.05 < np.linalg.norm(mean) < 0.9
+    own = CmaEs(problem(), population=400, spread=0.3, start="middle")
+    drive(own, lanes(), STEPS)
+    assert not np.array_equal(own.recommend(), mean)
