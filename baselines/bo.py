@@ -71,7 +71,7 @@ class BayesOpt(NevergradTuner):
             ConfigError: If `start` is "nominal" and the task has no nominal parameters.
         """
         self._suggests_start = start != "library"
-        self._model = {
+        self._model: dict[str, Any] = {
             "initial_design": initial_design,
             "noise": noise,
             "acquisition": acquisition,

@@ -66,7 +66,7 @@ class Optuna(EpisodeTuner):
             reevaluate_top=reevaluate_top,
             reevaluate_share=reevaluate_share,
         )
-        self._options = {
+        self._options: dict[str, Any] = {
             "sampler": sampler,
             "initial_design": initial_design,
             "costs": costs,

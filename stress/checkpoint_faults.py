@@ -1,8 +1,8 @@
 """Die at every system call of a checkpoint write: `python -m stress.checkpoint_faults`.
 
 A child process saves three checkpoints and dies at the k-th call that reaches the disk (open, half
-a write, fsync, rename), for every k. Afterwards a whole checkpoint must load, no older than the last
-one whose save had returned.
+a write, fsync, rename), for every k. Afterwards a whole checkpoint must load, no older than the
+last one whose save had returned.
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from zoac import checkpoint
-
-
 
 
 def child(folder: Path, die_at: int, acknowledged: Path) -> int:

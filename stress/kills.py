@@ -96,7 +96,8 @@ def main() -> None:
         for tuner in options.tuners:
             for executor in (["executor=serial"], ["executor=process", "executor.workers=2"]):
                 killed = one_pair(task, tuner, executor, options.kills, rng)
-                print(f"{task:17} {tuner:10} {executor[0]:17} {killed} kills: same bits", flush=True)
+                pair = f"{task:17} {tuner:10} {executor[0]:17}"
+                print(f"{pair} {killed} kills: same bits", flush=True)
 
 
 if __name__ == "__main__":

@@ -102,7 +102,7 @@ def _signature(target: Callable[..., Any]) -> tuple[dict[str, inspect.Parameter]
         own = dict(inspect.signature(base).parameters)
         inherited = [n for n, p in own.items() if p.kind is p.VAR_KEYWORD]
         parameters = {**own, **parameters}
-        hints = {**_hints(base.__init__), **hints}
+        hints = {**_hints(vars(base)["__init__"]), **hints}
         if not inherited or base.__mro__[1] is object:
             break
         del parameters[inherited[0]]

@@ -34,7 +34,8 @@ def test_every_choice_of_every_group_composes_and_builds(group, name):
 @pytest.mark.parametrize("task", names("task"))
 def test_every_tuner_is_built_for_every_task(tuner, task):
     config = resolved(compose_config([f"tuner={tuner}", f"task={task}"]))
-    built = build.build_tuner(config["tuner"], build.build_task(config), build.build_settings(config))
+    settings = build.build_settings(config)
+    built = build.build_tuner(config["tuner"], build.build_task(config), settings)
     assert all(isinstance(key, str) for key in built.describe())
 
 

@@ -37,7 +37,8 @@ class Wandb:
 
         if self._folder is not None:
             Path(self._folder).mkdir(parents=True, exist_ok=True)
-        name = "-".join(str(run[k]) for k in ("task", "tuner", "seed", "variant") if run[k] is not None)
+        identity = [run[k] for k in ("task", "tuner", "seed", "variant")]
+        name = "-".join(str(part) for part in identity if part is not None)
         self._run = wandb.init(
             project=self._project,
             entity=self._entity,
