@@ -1,0 +1,54 @@
+"""What the README tells people to type."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from zoac import build
+from zoac.config import compose_config, resolved
+from zoac.run import multirun_first
+
+ROOT = Path(__file__).parents[2]
+BLOCKS = re.findall(r"```(\w+)\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+COMMANDS = [
+    shlex.split(line, comments=True)
+    for language, text in BLOCKS
+    if language == "bash"
+    for line in text.splitlines()
+]
+RUNS = [c[3:] for c in COMMANDS if c[:3] == ["python", "-m", "zoac.run"]]
+
+
+def test_make_targets_exist():
+    targets = [c[1] for c in COMMANDS if c and c[0] == "make"]
+    makefile = (ROOT / "Makefile").read_text()
+    assert targets[:2] == ["run", "test"]
+    assert all(f"\n{target}:" in makefile for target in targets)
+
+
+def test_ci_runs_the_test_command_of_the_readme():
+    assert re.search(r"^make .*\btest$", (ROOT / ".ci" / "run").read_text(), re.MULTILINE)
+
+
+@pytest.mark.parametrize("arguments", RUNS, ids=" ".join)
+def test_run_commands_compose_and_build(arguments):
+    first = [
+        re.sub(r"=([^,\[]+),.*", r"=\1", a)  # the first job of a sweep
+        for a in multirun_first(arguments)
+        if not a.startswith("-")
+    ]
+    config = resolved(compose_config(first))
+    settings = build.build_settings(config)
+    build.build_tuner(config["tuner"], build.build_task(config), settings)
+    build.build_executor(config)
+
+
+def test_python_examples_run(monkeypatch, capsys):
+    examples = [text for language, text in BLOCKS if language == "python"]
+    assert examples
+    for example in examples:
+        quick = example.replace("budget=20_000", "budget=4_000")
+        exec(compile(quick, "README.md", "exec"), {"__name__": "__main__"})
+    assert "instead of" in capsys.readouterr().out
