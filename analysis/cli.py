@@ -1,0 +1,106 @@
+"""What the commands of this package share: arguments, one message for an error, output files."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from zoac.analysis.load import Collection, load
+from zoac.errors import ConfigError, ZoacError, suggest
+
+FORMATS = ("svg", "pdf", "png")
+
+
+def parser(module: str, summary: str, out: str) -> argparse.ArgumentParser:
+    """Return a parser that knows RUNS and --out.
+
+    Args:
+        module: The command's module.
+        summary: One sentence for --help.
+        out: Default output folder.
+    """
+    made = argparse.ArgumentParser(prog=f"python -m zoac.analysis.{module}", description=summary)
+    made.add_argument("runs", type=Path, help="a folder of runs, or one run folder")
+    made.add_argument(
+        "--out", type=Path, default=Path(out), metavar="FOLDER", help=f"default: {out}"
+    )
+    return made
+
+
+def add_formats(parser: argparse.ArgumentParser) -> None:
+    """Add --format, a list of picture formats."""
+
+    def formats(text: str) -> list[str]:
+        chosen = text.split(",")
+        for name in chosen:
+            if name not in FORMATS:
+                raise argparse.ArgumentTypeError(
+                    f"unknown format {name!r}; {suggest(name, FORMATS)}"
+                )
+        return chosen
+
+    parser.add_argument(
+        "--format",
+        type=formats,
+        default=list(FORMATS),
+        metavar="svg,pdf,png",
+        help="default: all three",
+    )
+
+
+def guarded(
+    body: Callable[[argparse.Namespace], None],
+    arguments: argparse.ArgumentParser,
+    argv: Sequence[str] | None,
+) -> int:
+    """Parse `argv` and call `body`; print a user's error as one message and return 1."""
+    options = arguments.parse_args(argv)
+    try:
+        body(options)
+    except ZoacError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def load_aloud(root: Path) -> Collection:
+    """Load runs; name on stderr each folder that is left out, and why."""
+    collection = load(root)
+    for item in collection.left_out:
+        print(f"left out {item}", file=sys.stderr)
+    return collection
+
+
+def only_task(collection: Collection) -> str:
+    """Return the only task there is.
+
+    Raises:
+        ConfigError: If there are several.
+    """
+    tasks = sorted({run.method.task for run in collection.finished})
+    if len(tasks) > 1:
+        raise ConfigError(f"runs of several tasks; choose with --task: {', '.join(tasks)}")
+    if not tasks:
+        raise ConfigError("no finished run")
+    return tasks[0]
+
+
+def output_folder(path: Path) -> Path:
+    """Make and return a folder for output.
+
+    Raises:
+        ConfigError: If it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"cannot make the output folder {path}: {error.strerror}") from None
+    return path
+
+
+def write(path: Path, content: str | bytes) -> None:
+    """Write one output file and say so."""
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    print(f"wrote {path}")

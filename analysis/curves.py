@@ -1,0 +1,249 @@
+"""Learning curves (Fig. 3): `python -m zoac.analysis.curves runs --out figures`.
+
+Mean over seeds of any logged number, against environment steps or time, with the 95% interval
+of `zoac.analysis.stats` shaded; for fewer than five seeds, their range.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import count
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from zoac.analysis import cli, style
+from zoac.analysis.fairness import refuse_mixed, refuse_unequal
+from zoac.analysis.labels import METRICS, TASKS, family, method_labels
+from zoac.analysis.load import Collection, Method, Run, by_method
+from zoac.analysis.stats import Scores, interquartile_mean, mean, step_value, summarise
+from zoac.errors import ConfigError, RunFolderError, suggest
+from zoac.seeding import stream
+
+AXES = ("env_steps", "wall_seconds", "compute_seconds")
+STATISTICS = {"mean": mean, "iqm": interquartile_mean}
+MOST_POINTS = 100
+"""Of a curve; against time, evaluations of different seeds never coincide."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One method: centre, and a band around it, each (K,) at `x`; one value if not tuned."""
+
+    method: Method
+    x: np.ndarray
+    centre: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One picture: a metric on a family of tasks."""
+
+    task: str
+    metric: str
+    curves: tuple[Curve, ...]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw learning curves; return the exit code."""
+    parser = cli.parser("curves", "Learning curves (Fig. 3).", out="figures")
+    parser.add_argument("--task", help="keep to this task; default: all")
+    parser.add_argument("--metric", help="any logged number; default: cost and prediction error")
+    parser.add_argument("--against", choices=AXES, default=AXES[0])
+    parser.add_argument("--statistic", choices=tuple(STATISTICS), default="mean")
+    parser.add_argument("--variant", help="keep to runs of this variant")
+    cli.add_formats(parser)
+    return cli.guarded(_command, parser, argv)
+
+
+def _command(options: argparse.Namespace) -> None:
+    collection = cli.load_aloud(options.runs)
+    if options.variant is not None:
+        collection = collection.of_variant(options.variant)
+    panels = all_panels(
+        collection, options.task, options.metric, options.against, options.statistic
+    )
+    folder = cli.output_folder(options.out)
+    with style.paper():
+        figure = draw(panels, options.against)
+        for kind in options.format:
+            cli.write(folder / f"curves.{kind}", style.image(figure, kind))
+
+
+def all_panels(
+    collection: Collection,
+    task: str | None = None,
+    metric: str | None = None,
+    against: str = "env_steps",
+    statistic: str = "mean",
+) -> list[Panel]:
+    """Return the panels of Fig. 3: cost on each family of tasks, prediction error where logged.
+
+    Args:
+        collection: The runs; unfinished ones are left out.
+        task: Keep to this task and its regularised twin.
+        metric: Show this instead.
+        against: "env_steps", "wall_seconds" or "compute_seconds".
+        statistic: "mean" or "iqm".
+
+    Raises:
+        ConfigError: If nothing of that name was logged.
+        RunFolderError: If runs must not be averaged or compared, or none is finished.
+    """
+    if task is not None:
+        collection = collection.of_task(*family(task))
+    runs = collection.finished
+    if not runs:
+        raise RunFolderError("no finished run; unfinished ones are not averaged")
+    panels = []
+    # PID-ACC comes first, as in the paper.
+    for base in sorted({family(run.method.task)[0] for run in runs}, reverse=True):
+        groups = by_method(run for run in runs if run.method.task in family(base))
+        for group in groups.values():
+            refuse_mixed(group)
+        refuse_unequal([group[0] for group in groups.values()])
+        logged = _logged(run for group in groups.values() for run in group)
+        for name in [metric] if metric else ["cost_mean", "prediction_error"]:
+            if name in logged:
+                episodes = min(map(_fewest_episodes, (r for g in groups.values() for r in g)))
+                curves = (
+                    _curve(g, [series(run, name, against, episodes) for run in g], name, statistic)
+                    for g in groups.values()
+                )
+                panels.append(Panel(base, name, tuple(c for c in curves if c is not None)))
+    if not panels:
+        raise ConfigError(f"no run logged {metric!r}; {suggest(str(metric), _logged(runs))}")
+    return panels
+
+
+def draw(panels: Sequence[Panel], against: str) -> Figure:
+    """Return a figure with the panels side by side and one legend above them."""
+    width = style.COLUMN if len(panels) == 1 else style.PAGE
+    rows = -(-len(panels) // 3)
+    figure = Figure(figsize=(width, 2.3 * rows + 0.1), layout="constrained")
+    grid = figure.subplots(rows, min(3, len(panels)), squeeze=False)
+    methods = sorted({c.method for p in panels for c in p.curves}, key=_prominence)
+    looks, labels = style.looks(methods), method_labels(methods)
+    shown: dict[str, Any] = {}
+    for letter, panel, axes in zip(count(), panels, grid.flat, strict=False):
+        draw_panel(axes, panel, looks, labels, against)
+        title = TASKS.get(panel.task, panel.task)
+        axes.set_title(f"({chr(ord('a') + letter)}) {title}" if len(panels) > 1 else title)
+        handles, names = axes.get_legend_handles_labels()
+        shown |= dict(zip(names, handles, strict=True))
+    for axes in grid.flat[len(panels) :]:
+        axes.remove()
+    style.legend_above(figure, {labels[m]: shown[labels[m]] for m in methods})
+    return figure
+
+
+def draw_panel(
+    axes: Axes,
+    panel: Panel,
+    looks: Mapping[Method, style.Look],
+    labels: Mapping[Method, str],
+    against: str,
+) -> None:
+    """Draw one panel's curves into `axes`."""
+    for curve in sorted(panel.curves, key=lambda c: _prominence(c.method)):
+        look, label = looks[curve.method], labels[curve.method]
+        if len(curve.x) == 1:
+            axes.axhline(
+                curve.centre[0], color=look.colour, linestyle=look.dashes, linewidth=1, label=label
+            )
+            continue
+        axes.fill_between(curve.x, curve.low, curve.high, color=look.colour, alpha=0.16, lw=0)
+        every = max(1, len(curve.x) // 8)
+        axes.plot(curve.x, curve.centre, label=label, markevery=every, **look.line)
+    centres = np.concatenate([curve.centre for curve in panel.curves])
+    above = centres[centres > 0]
+    if not (centres < 0).any() and above.size and above.max() > 20 * above.min():
+        axes.set_yscale("log")
+        # A band may reach down to zero; the axis follows the curves.
+        lowest = min(curve.low[curve.centre > 0].min(initial=np.inf) for curve in panel.curves)
+        axes.set_ylim(bottom=0.8 * max(lowest, 0.5 * above.min()))
+    axes.set_ylabel(METRICS.get(panel.metric, panel.metric))
+    axes.margins(x=0.02)
+    style.big_axis(axes, METRICS[against])
+
+
+def series(run: Run, metric: str, against: str, episodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return where `metric` was logged along `against`, and its values, each (K,).
+
+    Costs are means over the first `episodes` of each evaluation: those that all evaluations have,
+    so that curves, and the end of a curve with its middle, compare.
+    """
+    logged = [r for r in run.metrics if metric in r and against in r]
+    # Tuners may log a number of the same name about what they tried.
+    rows = [r for r in logged if r["kind"] == "eval"] or logged
+    values = [
+        np.mean(r["cost_per_episode"][:episodes]) if metric == "cost_mean" else r[metric]
+        for r in rows
+    ]
+    return np.array([r[against] for r in rows], float), np.array(values, float)
+
+
+def _fewest_episodes(run: Run) -> int:
+    return min(len(r["cost_per_episode"]) for r in run.metrics if r["kind"] == "eval")
+
+
+def _curve(
+    runs: Sequence[Run],
+    tracks: Sequence[tuple[np.ndarray, np.ndarray]],
+    metric: str,
+    statistic: str,
+) -> Curve | None:
+    if not all(len(x) for x, _ in tracks):
+        return None
+    first, last = max(x[0] for x, _ in tracks), min(x[-1] for x, _ in tracks)
+    method, tuned = runs[0].method, runs[0].tuned
+    if not tuned:
+        x = np.zeros(1)
+        values = np.array([[y[-1]] for _, y in tracks])
+    else:
+        x = np.unique(np.concatenate([t for t, _ in tracks]).clip(first, last))
+        if len(x) > MOST_POINTS:
+            x = np.linspace(first, last, MOST_POINTS)
+        values = np.array([[step_value(t, y, at) for at in x] for t, y in tracks])
+    chosen = STATISTICS[statistic]
+    centre, low, high = chosen(values.T), values.min(axis=0), values.max(axis=0)
+    for k in range(len(x)):
+        if not np.isfinite(values[:, k]).all():
+            centre[k] = low[k] = high[k] = np.nan
+            continue
+        rng = stream(0, f"analysis {method} {metric}", k)
+        scores = Scores(values[:, k : k + 1], tuned=tuned)
+        interval = summarise(scores, rng, statistic=chosen, resamples=2000)
+        if interval.exists:
+            low[k], high[k] = interval.low, interval.high
+    return Curve(method, x, centre, low, high)
+
+
+def _logged(runs: Any) -> set[str]:
+    rows = [row for run in runs for row in run.metrics]
+    return {
+        name
+        for row in rows
+        for name, value in row.items()
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and name not in AXES
+    }
+
+
+def _prominence(method: Method) -> tuple[bool, bool, str, str, str]:
+    return (
+        method.tuner == "nominal",
+        method.tuner != "zoac",
+        method.tuner,
+        method.task,
+        method.variant or "",
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

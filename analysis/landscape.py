@@ -1,0 +1,170 @@
+"""Parameters while they are tuned, beside the cost along each of them (Fig. 4).
+
+    python -m zoac.analysis.landscape runs --task pid_acc --tuner zoac --out figures
+
+The cost along a parameter is a Monte Carlo mean over fixed evaluation episodes, with the other
+parameters held where the median run ended.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from zoac.analysis import cli, replay, style
+from zoac.analysis.fairness import refuse_mixed
+from zoac.analysis.labels import unit_label
+from zoac.analysis.load import Run, by_method
+from zoac.analysis.selection import chosen, median_run
+from zoac.errors import ConfigError, suggest
+from zoac.parameters import Parameter, ParameterSpace
+from zoac.task import Task
+
+SMALLEST_SPAN = 0.1
+"""Of a cost axis, as a share of the cost."""
+
+
+@dataclass(frozen=True, eq=False)
+class Slice:
+    """Cost along one parameter, the others held: physical values (P,) and costs (P, E)."""
+
+    parameter: Parameter
+    values: np.ndarray
+    costs: np.ndarray
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw parameters and landscape of one method; return the exit code."""
+    parser = cli.parser("landscape", "Parameters and cost landscape (Fig. 4).", out="figures")
+    parser.add_argument("--task", help="default: the only one there is")
+    parser.add_argument("--tuner", default="zoac", help="default: zoac")
+    parser.add_argument("--variant", help="keep to runs of this variant")
+    parser.add_argument("--parameters", help="names, with commas between; default: all")
+    parser.add_argument("--points", type=int, default=25, help="along each parameter; default: 25")
+    parser.add_argument("--episodes", type=int, default=8, help="per point; default: 8")
+    cli.add_formats(parser)
+    return cli.guarded(_command, parser, argv)
+
+
+def _command(options: argparse.Namespace) -> None:
+    for name in ("points", "episodes"):
+        if getattr(options, name) < 1:
+            raise ConfigError(f"--{name} must be at least 1, got {getattr(options, name)}")
+    collection = cli.load_aloud(options.runs)
+    collection = collection.of_task(options.task or cli.only_task(collection))
+    if options.variant is not None:
+        collection = collection.of_variant(options.variant)
+    method = chosen(collection, options.tuner)[0].method
+    runs = by_method(collection.finished)[method]
+    refuse_mixed(runs)
+    task = replay.rebuild(runs[0])
+    names = options.parameters.split(",") if options.parameters else list(task.space.names)
+    slices = sliced(task, median_run(runs), names, options.points, options.episodes)
+    folder = cli.output_folder(options.out)
+    with style.paper():
+        figure = draw(runs, slices)
+        for kind in options.format:
+            path = folder / f"landscape_{method.task}_{method.tuner}.{kind}"
+            cli.write(path, style.image(figure, kind))
+
+
+def sliced(task: Task, run: Run, names: Sequence[str], points: int, episodes: int) -> list[Slice]:
+    """Return the cost along each named parameter, the others as `run` left them.
+
+    Raises:
+        ConfigError: If a parameter is unknown.
+    """
+    space: ParameterSpace = task.space
+    for name in names:
+        if name not in space.names:
+            raise ConfigError(f"unknown parameter {name!r}; {suggest(name, space.names)}")
+    centre = space.unit(run.outcome["parameters"])
+    grid = np.repeat(centre[None, None], points, axis=1).repeat(len(names), axis=0)
+    columns = [space.names.index(name) for name in names]
+    for k, column in enumerate(columns):
+        grid[k, :, column] = np.linspace(-1.0, 1.0, points)
+    seed = int(run.config["evaluation"]["seed"])
+    print(f"rolling out {len(names) * points * episodes} episodes", file=sys.stderr)
+    costs = replay.costs(task, grid.reshape(-1, space.dimension), episodes, seed)
+    costs = costs.reshape(len(names), points, episodes)
+    return [
+        Slice(space.parameters[column], space.values(grid[k])[:, column], costs[k])
+        for k, column in enumerate(columns)
+    ]
+
+
+def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> Figure:
+    """Return a figure with two panels a parameter, which share its axis: evolution, and cost."""
+    pairs = min(2 if len(slices) <= 4 else 3, len(slices))
+    rows = -(-len(slices) // pairs)
+    width = style.COLUMN if pairs == 1 else style.PAGE
+    figure = Figure(figsize=(width, 1.5 * rows + 0.3), layout="constrained")
+    grid = figure.subplots(
+        rows, 2 * pairs, squeeze=False, width_ratios=[1.6, 1.0] * pairs, sharey=False
+    )
+    cells = grid.reshape(rows * pairs, 2)
+    for k, (evolution, cost) in enumerate(cells):
+        if k >= len(slices):
+            evolution.remove()
+            cost.remove()
+            continue
+        cost.sharey(evolution)
+        bottom = k + pairs >= len(slices)
+        _draw_evolution(evolution, runs, slices[k].parameter, bottom)
+        _draw_cost(cost, slices[k], bottom)
+    return figure
+
+
+def _draw_evolution(axes: Axes, runs: Sequence[Run], parameter: Parameter, bottom: bool) -> None:
+    for k, run in enumerate(runs):
+        rows = [row for row in run.metrics if row["kind"] == "eval"]
+        steps = [row["env_steps"] for row in rows]
+        values = [row["parameters"][parameter.name] for row in rows]
+        look = style.look(k)
+        axes.plot(steps, values, color=look.colour, linestyle=look.dashes, linewidth=0.9)
+        axes.plot(steps[-1:], values[-1:], "o", color=look.colour, markersize=2.4, clip_on=False)
+    nominal = (runs[0].identity["nominal"] or {}).get(parameter.name)
+    if nominal is not None:
+        axes.axhline(nominal, color=style.INK, linewidth=0.8, linestyle=(0, (1, 1.5)))
+    if parameter.scale == "log":
+        axes.set_yscale("log")
+    axes.set_ylim(parameter.low, parameter.high)
+    axes.set_ylabel(unit_label(parameter.name, parameter.unit))
+    axes.tick_params(labelbottom=bottom)
+    if bottom:
+        style.big_axis(axes, "Steps")
+
+
+def _draw_cost(axes: Axes, part: Slice, bottom: bool) -> None:
+    mean = part.costs.mean(axis=1)
+    axes.plot(mean, part.values, color=style.INK, linewidth=1.1)
+    axes.fill_betweenx(
+        part.values,
+        *np.quantile(part.costs, [0.1, 0.9], axis=1),
+        color=style.GREY,
+        alpha=0.25,
+        lw=0,
+    )
+    best = int(mean.argmin())
+    axes.plot(mean[best], part.values[best], "o", color=style.COLOURS[1], markersize=3, zorder=5)
+    if mean.min() > 0 and mean.max() > 20 * mean.min():
+        axes.set_xscale("log")
+    else:
+        # A parameter that hardly matters must look as if it hardly mattered.
+        span = max(float(np.ptp(mean)), SMALLEST_SPAN * abs(float(mean.min())))
+        axes.set_xlim(mean.min() - 0.1 * span, mean.min() + 1.1 * span)
+        axes.xaxis.set_major_locator(MaxNLocator(2))
+        axes.ticklabel_format(axis="x", useOffset=False)
+    axes.tick_params(labelleft=False)
+    axes.set_xlabel("Cost" if bottom else "")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,102 @@
+"""Controllers of logged runs, driven once more: for landscapes and closed-loop plots.
+
+The only part of this package that meets an environment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zoac.analysis.load import Run
+from zoac.errors import ConfigError, RunFolderError
+from zoac.evaluation import evaluation_proposals
+from zoac.rollout import LaneGroup, Proposal, Segment
+from zoac.task import Controller, Task
+
+if TYPE_CHECKING:
+    from zoac.environment import LaneEnv
+
+LANES = 256
+"""Most lanes side by side."""
+
+
+def rebuild(run: Run) -> Task:
+    """Return the task that `run` tuned, from its configuration.
+
+    Raises:
+        RunFolderError: If it cannot be built here.
+    """
+    from zoac.api import task_from_config
+
+    try:
+        return task_from_config(run.config)
+    except ConfigError as error:
+        raise RunFolderError(f"{run.folder}: its task cannot be built again: {error}") from None
+
+
+def demonstrate(task: Task, controllers: Sequence[Mapping[str, float]]) -> list[Segment]:
+    """Return the task's demonstration episode under each of the named parameter sets."""
+    lanes = range(len(controllers))
+    group = LaneGroup(_Demonstration(task), lanes, [0] * len(controllers))
+    try:
+        return group.rollout([Proposal(task.space.unit(controllers[k]), lane=k) for k in lanes])
+    finally:
+        group.close()
+
+
+def settled(task: Task, segments: Sequence[Segment]) -> int:
+    """Return the step after which no trace moves by more than 1% of its range, and some more."""
+    latest = 0
+    for trace in (trace for segment in segments for trace in task.traces(segment)):
+        moving = np.flatnonzero(np.abs(trace.y - trace.y[-1]) > 0.01 * np.ptp(trace.y))
+        latest = max(latest, int(moving[-1]) if moving.size else 0)
+    return min(round(1.1 * latest) + 10, max(segment.length for segment in segments))
+
+
+def costs(task: Task, points: np.ndarray, episodes: int, seed: int) -> np.ndarray:
+    """Return the cost of each mapped point (P, d) in each evaluation episode, (P, E)."""
+    proposals = [p for z in points for p in evaluation_proposals(z, episodes, seed)]
+    lanes = min(LANES, len(proposals))
+    group = LaneGroup(task, range(lanes), [0] * lanes)
+    try:
+        segments = group.rollout([replace(p, lane=k % lanes) for k, p in enumerate(proposals)])
+    finally:
+        group.close()
+    return np.reshape([s.costs.sum() for s in segments], (len(points), episodes))
+
+
+def before(run: Run) -> dict[str, float] | None:
+    """Return the parameters from which `run` began, if they were logged."""
+    rows = run.evaluations
+    return dict(rows[0]["parameters"]) if rows and rows[0]["env_steps"] == 0 else None
+
+
+class _Demonstration(Task):
+    """A task whose every episode is its demonstration."""
+
+    def __init__(self, task: Task) -> None:
+        self.space = task.space
+        self._task = task
+
+    def make_env(self, n: int) -> LaneEnv:
+        return _DemonstrationEnv(self._task.make_env(n))  # type: ignore[return-value]
+
+    def make_controller(self) -> Controller:
+        return self._task.make_controller()
+
+
+class _DemonstrationEnv:
+    """An environment that resets to its demonstration; all else is the environment's own."""
+
+    def __init__(self, env: LaneEnv) -> None:
+        self._env = env
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._env, name)
+
+    def reset(self, *, options: dict[str, Any] | None = None, **rest: Any) -> Any:
+        return self._env.reset(options={**(options or {}), "demonstration": True}, **rest)

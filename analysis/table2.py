@@ -1,0 +1,223 @@
+"""Table II of the paper, ours beside theirs: `python -m zoac.analysis.table2 runs --out tables`.
+
+Writes table2.md, table2.tex and table2.csv; the same runs give the same bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from zoac.analysis import cli
+from zoac.analysis.comparison import Comparison, Summary, compare
+from zoac.analysis.formatting import (
+    NOTHING,
+    bounds,
+    number,
+    plus_minus,
+    without_empty_columns,
+)
+from zoac.analysis.stats import Spread
+
+
+class PaperRow(NamedTuple):
+    """One row of Table II as printed: (mean, standard deviation) each, or None."""
+
+    cost: Spread
+    prediction_error: Spread
+    seconds: Spread | None
+
+
+NO_STD = float("nan")
+PAPER = {
+    ("mpc_tracking", "zoac"): PaperRow(
+        Spread(41.7, 3.8), Spread(2.9e-4, 1.4e-4), Spread(6.5e3, 0.2e3)
+    ),
+    ("mpc_tracking_reg", "zoac"): PaperRow(
+        Spread(40.5, 3.2), Spread(9.6e-5, 4.5e-5), Spread(7.1e3, 0.1e3)
+    ),
+    ("mpc_tracking", "bo"): PaperRow(
+        Spread(51.3, 22.9), Spread(2.3e-4, 1.7e-4), Spread(2.7e4, 0.1e4)
+    ),
+    ("mpc_tracking", "cmaes"): PaperRow(
+        Spread(185.0, 184.6), Spread(4.4e-4, 2.9e-4), Spread(2.6e4, 0.1e4)
+    ),
+    ("mpc_tracking", "nominal"): PaperRow(Spread(37.16, NO_STD), Spread(0.0, NO_STD), None),
+}
+
+COLUMNS = (
+    "Method", "Seeds", "Cumulative cost", "Paper's", "Prediction error", "Paper's",
+    "Wall time [s]", "Compute time [s]", "Paper's tuning time [s]",
+)  # fmt: skip
+STATISTICS = (
+    "Method", "Mean", "95% interval", "Interquartile mean", "95% interval",
+    "Minus nominal, paired", "95% interval",
+)  # fmt: skip
+METHOD_NOTE = (
+    "Mean ± sample standard deviation over seeds. Times include evaluation; compute time adds up "
+    "all processes. Intervals: two-level bootstrap, seeds outer, shared episodes inner, widened "
+    "for few seeds and not given for fewer than five; each stands alone, without correction for "
+    "how many there are."
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the table of one task in three formats; return the exit code."""
+    parser = cli.parser("table2", "Table II: ours beside the paper's.", out="tables")
+    parser.add_argument("--task", default="mpc_tracking", help="default: mpc_tracking")
+    parser.add_argument("--variant", help="keep to runs of this variant")
+    parser.add_argument(
+        "--budget",
+        type=int,
+        metavar="STEPS",
+        help="take each run where it stood after so many environment steps",
+    )
+    parser.add_argument(
+        "--seeds", type=_seeds, metavar="0,1,...", help="the seeds each method should have"
+    )
+    parser.add_argument("--bootstrap-seed", type=int, default=0, metavar="SEED")
+    return cli.guarded(_command, parser, argv)
+
+
+def _command(options: argparse.Namespace) -> None:
+    comparison = compare(
+        cli.load_aloud(options.runs),
+        options.task,
+        variant=options.variant,
+        budget=options.budget,
+        seeds=options.seeds,
+        random_seed=options.bootstrap_seed,
+    )
+    folder = cli.output_folder(options.out)
+    text = markdown(comparison)
+    print(text)
+    cli.write(folder / "table2.md", text)
+    cli.write(folder / "table2.tex", latex(comparison))
+    cli.write(folder / "table2.csv", csv(comparison))
+
+
+def markdown(comparison: Comparison) -> str:
+    """Return both tables, the claims and the notes as Markdown."""
+    statistics = [list(STATISTICS), *(_statistics_cells(s) for s in comparison.summaries)]
+    parts = [f"# {_title(comparison)}", _setting(comparison), _pipes(main_cells(comparison))]
+    parts += [_pipes(statistics), METHOD_NOTE]
+    for title, lines in (("Claims", comparison.claims), ("Notes", comparison.notes)):
+        if lines:
+            parts.append(f"## {title}\n\n" + "\n".join(f"- {line}" for line in lines))
+    return "\n\n".join(parts) + "\n"
+
+
+def latex(comparison: Comparison) -> str:
+    """Return the table as a LaTeX `table*` without further packages."""
+    header, *rows = ([_tex(cell) for cell in line] for line in main_cells(comparison))
+    lines = [
+        *(f"% {note}" for note in (METHOD_NOTE, *comparison.notes)),
+        r"\begin{table*}[t]",
+        r"\centering",
+        rf"\caption{{{_tex(_title(comparison))}. {_tex(_setting(comparison))}}}",
+        r"\label{tab:table2}",
+        rf"\begin{{tabular}}{{l{'c' * (len(header) - 1)}}}",
+        r"\hline",
+        " & ".join(rf"\textbf{{{name}}}" for name in header) + r" \\",
+        r"\hline",
+        *(" & ".join(row) + r" \\" for row in rows),
+        r"\hline",
+        r"\end{tabular}",
+        r"\end{table*}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def csv(comparison: Comparison) -> str:
+    """Return one row per method with every number at full precision."""
+    frame = pd.DataFrame([_record(s) for s in comparison.summaries])
+    return frame.to_csv(index=False, lineterminator="\n")
+
+
+def main_cells(comparison: Comparison) -> list[list[str]]:
+    """Return header and rows of the table proper."""
+    return without_empty_columns([COLUMNS, *map(_cells, comparison.summaries)])
+
+
+def _cells(s: Summary) -> list[str]:
+    paper = PAPER.get((s.method.task, s.method.tuner))
+    wanted = len(s.seeds) + len(s.missing)
+    return [
+        s.label,
+        f"{len(s.seeds)} of {wanted}" if s.missing else str(len(s.seeds)),
+        plus_minus(s.cost_spread),
+        plus_minus(paper.cost if paper else None),
+        plus_minus(s.prediction_error),
+        plus_minus(paper.prediction_error if paper else None),
+        plus_minus(s.wall_seconds if s.tuned else None),
+        plus_minus(s.compute_seconds if s.tuned else None),
+        plus_minus(paper.seconds if paper else None),
+    ]
+
+
+def _statistics_cells(s: Summary) -> list[str]:
+    cells = [s.label]
+    for interval in (s.cost, s.iqm, s.minus_nominal):
+        cells += [NOTHING if interval is None else number(interval.estimate), bounds(interval)]
+    return cells
+
+
+def _record(s: Summary) -> dict[str, Any]:
+    record: dict[str, Any] = {
+        "method": s.label,
+        **s.method._asdict(),
+        "seeds": " ".join(map(str, s.seeds)),
+        "missing_seeds": " ".join(map(str, s.missing)),
+    }
+    for name, interval in (("cost", s.cost), ("iqm", s.iqm), ("minus_nominal", s.minus_nominal)):
+        record[name] = interval.estimate if interval else None
+        record[f"{name}_low"] = interval.low if interval else None
+        record[f"{name}_high"] = interval.high if interval else None
+    paper = PAPER.get((s.method.task, s.method.tuner))
+    for name, value in (
+        ("cost", s.cost_spread),
+        ("prediction_error", s.prediction_error),
+        ("wall_seconds", s.wall_seconds),
+        ("compute_seconds", s.compute_seconds),
+        ("paper_cost", paper and paper.cost),
+        ("paper_prediction_error", paper and paper.prediction_error),
+        ("paper_seconds", paper and paper.seconds),
+    ):
+        record[f"{name}_mean"] = value.mean if value else None
+        record[f"{name}_std"] = value.std if value else None
+    return record
+
+
+def _pipes(lines: Sequence[Sequence[str]]) -> str:
+    header, *rows = lines
+    rule = ["---", *["---:"] * (len(header) - 1)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (header, rule, *rows))
+
+
+def _tex(text: str) -> str:
+    for character in "&%_#":
+        text = text.replace(character, rf"\{character}")
+    return text.replace("±", r"$\pm$").replace(" - ", " $-$ ")
+
+
+def _title(comparison: Comparison) -> str:
+    table2 = any((s.method.task, s.method.tuner) in PAPER for s in comparison.summaries)
+    return f"{'Table II: p' if table2 else 'P'}erformance comparison on {comparison.title}"
+
+
+def _setting(comparison: Comparison) -> str:
+    when = "Each run at its end"
+    if comparison.budget is not None:
+        when = f"After {comparison.budget:,} environment steps"
+    return f"{when}, {comparison.episodes} evaluation episodes shared by all runs."
+
+
+def _seeds(text: str) -> list[int]:
+    return [int(part) for part in text.split(",")]
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,139 @@
+"""Closed loops on the demonstration episode (Figs. 5 and 6), as pictures or as a film.
+
+python -m zoac.analysis.trajectories runs --task pid_acc --out figures
+python -m zoac.analysis.trajectories runs --task mpc_tracking --animate closed_loop.gif
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from zoac.analysis import cli, replay, style
+from zoac.analysis.labels import TASKS, method_labels
+from zoac.analysis.load import Run
+from zoac.analysis.selection import chosen
+from zoac.rollout import Segment
+from zoac.task import Task
+
+REFERENCE = "Reference"
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """One controller's demonstration episode."""
+
+    label: str
+    look: style.Look
+    segment: Segment
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw closed loops, or film one before and after tuning; return the exit code."""
+    parser = cli.parser("trajectories", "Closed loops (Figs. 5 and 6).", out="figures")
+    parser.add_argument("--task", help="default: the only one there is")
+    parser.add_argument("--variant", help="keep to runs of this variant")
+    parser.add_argument(
+        "--seed", type=int, help="show this seed; default: of each tuner the median one in cost"
+    )
+    parser.add_argument(
+        "--animate",
+        type=Path,
+        metavar="FILE",
+        help="write a .gif or .mp4 of one run, before and after tuning, instead",
+    )
+    parser.add_argument("--tuner", help="keep to this tuner; --animate: default zoac")
+    cli.add_formats(parser)
+    return cli.guarded(_command, parser, argv)
+
+
+def _command(options: argparse.Namespace) -> None:
+    collection = cli.load_aloud(options.runs)
+    collection = collection.of_task(options.task or cli.only_task(collection))
+    if options.variant is not None:
+        collection = collection.of_variant(options.variant)
+    if options.animate is not None:
+        from zoac.analysis import film
+
+        run = chosen(collection, options.tuner, options.seed)[0]
+        film.write(options.animate, run)
+        print(f"wrote {options.animate}")
+        return
+    runs = chosen(collection, options.tuner, options.seed)
+    task = replay.rebuild(runs[0])
+    folder = cli.output_folder(options.out)
+    with style.paper():
+        figure = draw(task, loops_of(task, runs), TASKS.get(runs[0].method.task, ""))
+        for kind in options.format:
+            path = folder / f"trajectories_{runs[0].method.task}.{kind}"
+            cli.write(path, style.image(figure, kind))
+
+
+def loops_of(task: Task, runs: Sequence[Run]) -> list[Loop]:
+    """Drive the tuned controller of each run through the demonstration."""
+    methods = [run.method for run in runs]
+    labels, looks = method_labels(methods), style.looks(methods)
+    segments = replay.demonstrate(task, [run.outcome["parameters"] for run in runs])
+    return [
+        Loop(labels[run.method], looks[run.method], segment)
+        for run, segment in zip(runs, segments, strict=True)
+    ]
+
+
+def draw(task: Task, loops: Sequence[Loop], title: str, columns: int = 3) -> Figure:
+    """Return a figure with one panel per trace and one line per loop."""
+    traces = task.traces(loops[0].segment)
+    columns = 2 if len(traces) in (2, 4) else min(columns, len(traces))
+    rows = -(-len(traces) // columns)
+    width = style.COLUMN if len(traces) == 1 else style.PAGE
+    figure = Figure(figsize=(width, 1.55 * rows + 0.4), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False)
+    entries: dict[str, Any] = {}
+    last = replay.settled(task, [loop.segment for loop in loops])
+    for k, axes in enumerate(grid.flat):
+        if k < len(traces):
+            entries |= draw_panel(axes, task, loops, k, last)
+        else:
+            axes.remove()
+    if REFERENCE in entries:
+        entries[REFERENCE] = entries.pop(REFERENCE)
+    style.legend_above(figure, entries)
+    if title and len(entries) < 2:
+        figure.suptitle(title)
+    return figure
+
+
+def draw_panel(axes: Axes, task: Task, loops: Sequence[Loop], k: int, last: int) -> dict[str, Any]:
+    """Draw the `k`-th trace of each loop, up to step `last`, into `axes`; return legend entries."""
+    entries: dict[str, Any] = {}
+    lines = [task.traces(loop.segment)[k] for loop in loops]
+    longest = max(lines, key=lambda line: len(line.x))
+    if longest.reference is not None:
+        x, y = longest.reference
+        shown = x <= longest.x[: last + 1].max()
+        (entries[REFERENCE],) = axes.plot(
+            x[shown], y[shown], color=style.GREY, linewidth=2.4, alpha=0.55, solid_capstyle="butt"
+        )
+    for loop, line in zip(loops, lines, strict=True):
+        marks = {**loop.look.line, "marker": ""}
+        (entries[loop.label],) = axes.plot(line.x[: last + 1], line.y[: last + 1], **marks)
+        if loop.segment.terminated and loop.segment.length <= last:
+            axes.plot(line.x[-1:], line.y[-1:], "x", color=loop.look.colour, markersize=5)
+    low, high = axes.get_ylim()
+    for limit in longest.limits:
+        if low - 0.3 * (high - low) <= limit <= high + 0.3 * (high - low):
+            axes.axhline(limit, color=style.INK, linewidth=0.6, linestyle=(0, (8, 4)))
+    axes.set_xlabel(longest.x_label)
+    axes.set_ylabel(longest.title)
+    axes.margins(x=0.01)
+    return entries
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

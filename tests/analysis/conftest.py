@@ -1,0 +1,21 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.analysis.folders import NOMINAL, write_run
+
+
+@pytest.fixture
+def sweep(tmp_path: Path) -> Path:
+    """Three tuners with five seeds each, and the nominal controller."""
+    root = tmp_path / "runs"
+    shape = np.array([0.0, 1.0, 2.0, 3.0])
+    for seed in range(5):
+        write_run(root, "zoac", seed, costs=(3.0 + 0.02 * seed + shape).tolist())
+        write_run(root, "bo", seed, costs=(6.0 + 0.1 * seed + shape).tolist())
+        write_run(root, "cmaes", seed, costs=(6.0 + 9.0 * (seed == 4) + shape).tolist())
+    write_run(root, "nominal", 0, costs=(2.5 + shape).tolist(), gains=NOMINAL, evaluations=())
+    return root

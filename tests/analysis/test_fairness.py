@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.analysis.folders import write_run
+from zoac.analysis.fairness import refuse_mixed, refuse_unequal
+from zoac.analysis.load import load
+from zoac.errors import RunFolderError
+
+
+def test_seeds_of_different_configurations_are_not_averaged(tmp_path: Path) -> None:
+    write_run(tmp_path, seed=0)
+    write_run(tmp_path, seed=1)
+    write_run(tmp_path, seed=2, config={"tuner": {"_target_": "somewhere.zoac", "sigma": 0.2}})
+    with pytest.raises(RunFolderError) as refusal:
+        refuse_mixed(load(tmp_path).runs)
+    assert str(refusal.value).split("\n") == [
+        "the runs of zoac on pid_acc differ in their configuration and are not averaged:",
+        "  tuner.sigma: (absent) in seed 0, seed 1; 0.2 in seed 2",
+        "set one group apart with variant=NAME, or move it to another folder",
+    ]
+
+
+def test_where_a_run_was_executed_does_not_set_it_apart(tmp_path: Path) -> None:
+    write_run(tmp_path, seed=0)
+    write_run(tmp_path, seed=1, config={"executor": {"_target_": "zoac.executor.Process"}})
+    refuse_mixed(load(tmp_path).runs)
+
+
+def test_tuners_with_different_budgets_are_not_compared(tmp_path: Path) -> None:
+    write_run(tmp_path, "zoac")
+    write_run(tmp_path, "bo", config={"budget": 500})
+    with pytest.raises(
+        RunFolderError, match=r"not compared:\n  budget: 500 in bo .*; 1000 in zoac"
+    ):
+        refuse_unequal(load(tmp_path).runs)
+
+
+def test_an_untuned_controller_has_no_budget_to_compare(tmp_path: Path) -> None:
+    write_run(tmp_path, "zoac")
+    write_run(tmp_path, "nominal", config={"budget": 5})
+    refuse_unequal(load(tmp_path).runs)
+
+
+def test_different_evaluation_episodes_are_not_compared(tmp_path: Path) -> None:
+    write_run(tmp_path, "zoac")
+    other = {"episodes": 2, "final_episodes": 4, "seed": 1}
+    write_run(tmp_path, "nominal", config={"evaluation": other})
+    with pytest.raises(RunFolderError, match=r"evaluation.seed: 1 in nominal .*; 0 in zoac"):
+        refuse_unequal(load(tmp_path).runs)

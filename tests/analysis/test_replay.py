@@ -1,0 +1,167 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.analysis.folders import GAINS, NOMINAL, PID, write_run
+from zoac.analysis import film, landscape, replay, trajectories
+from zoac.analysis.load import load, read
+from zoac.analysis.selection import chosen, median_run
+from zoac.errors import ConfigError, RunFolderError
+from zoac.evaluation import evaluation_proposals
+from zoac.rollout import LaneGroup
+from zoac.task import Task
+from zoac.tasks.pid_acc import PidAcc
+
+
+@pytest.fixture
+def task() -> PidAcc:
+    return PidAcc(max_episode_steps=40)
+
+
+def test_a_task_is_rebuilt_with_the_options_of_its_run(tmp_path: Path) -> None:
+    task = replay.rebuild(read(write_run(tmp_path)))
+    assert task.make_env(1).max_episode_steps == PID["max_episode_steps"]
+
+
+def test_a_task_that_cannot_be_rebuilt_is_one_message(tmp_path: Path) -> None:
+    folder = write_run(tmp_path, config={"task": {"_target_": "nowhere.Task"}})
+    with pytest.raises(RunFolderError, match="its task cannot be built again"):
+        replay.rebuild(read(folder))
+
+
+def test_the_demonstration_is_the_tasks_own(task: PidAcc) -> None:
+    (segment,) = replay.demonstrate(task, [GAINS])
+    env, controller = task.make_env(1), task.make_controller()
+    observation, _ = env.reset(options={"demonstration": True})
+    params = task.space.physical(task.space.unit(GAINS)[None])
+    for step in range(segment.length):
+        np.testing.assert_array_equal(segment.observations[step], observation[0])
+        action, _, _ = controller.act(params, observation, {})
+        observation, *_ = env.step(action)
+    assert segment.length == 40
+
+
+def test_costs_are_those_of_the_evaluation(task: PidAcc) -> None:
+    points = task.space.unit({name: np.array([GAINS[name], NOMINAL[name]]) for name in GAINS})
+    group = LaneGroup(task, range(3), [0] * 3)
+    direct = [s.costs.sum() for s in group.rollout(evaluation_proposals(points[1], 3, seed=7))]
+    np.testing.assert_array_equal(replay.costs(task, points, 3, seed=7)[1], direct)
+
+
+def test_lanes_may_be_fewer_than_episodes(task: PidAcc, monkeypatch: pytest.MonkeyPatch) -> None:
+    points = np.zeros((3, 4))
+    points[:, 0] = (-1.0, 0.0, 1.0)
+    wide = replay.costs(task, points, 3, seed=0)
+    monkeypatch.setattr(replay, "LANES", 2)
+    np.testing.assert_array_equal(replay.costs(task, points, 3, seed=0), wide)
+
+
+def test_a_slice_passes_through_the_tuned_parameters(task: PidAcc, tmp_path: Path) -> None:
+    run = read(write_run(tmp_path))
+    (part,) = landscape.sliced(task, run, ["Kp"], points=11, episodes=2)
+    np.testing.assert_allclose(part.values, np.linspace(0, 10, 11))
+    tuned = replay.costs(task, task.space.unit(run.outcome["parameters"])[None], 2, seed=0)
+    np.testing.assert_allclose(part.costs[1], tuned[0])  # Kp was tuned to 1
+
+
+def test_an_unknown_parameter_is_answered_with_those_there_are(
+    task: PidAcc, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError, match="unknown parameter 'Kpp'; did you mean 'Kp'"):
+        landscape.sliced(task, read(write_run(tmp_path)), ["Kpp"], 2, 2)
+
+
+def test_the_run_shown_is_the_median_one(sweep: Path) -> None:
+    assert [(run.method.tuner, run.seed) for run in chosen(load(sweep))] == [
+        ("zoac", 2),
+        ("bo", 2),
+        ("cmaes", 2),
+        ("nominal", 0),
+    ]
+
+
+def test_of_two_runs_the_better_is_the_lower_median(tmp_path: Path) -> None:
+    runs = [read(write_run(tmp_path, seed=s, costs=(c, c))) for s, c in enumerate((5.0, 3.0))]
+    assert median_run(runs).seed == 1
+
+
+def test_asking_for_a_run_that_is_not_there(sweep: Path) -> None:
+    with pytest.raises(RunFolderError, match="no finished run with tuner 'es' with seed 3"):
+        chosen(load(sweep), "es", 3)
+
+
+class Anybody(PidAcc):
+    """A task that says nothing about its figures."""
+
+    traces = Task.traces
+    draw = Task.draw
+
+
+def test_a_task_without_figures_shows_observations_actions_and_cost() -> None:
+    task = Anybody(max_episode_steps=5)
+    (segment,) = replay.demonstrate(task, [GAINS])
+    traces = task.traces(segment)
+    assert [trace.title for trace in traces][-3:] == ["Observation 9", "Action 0", "Cost"]
+    np.testing.assert_array_equal(traces[-1].y, segment.costs)
+
+
+@pytest.mark.parametrize("command", [trajectories.main, landscape.main])
+def test_the_same_runs_give_the_same_pictures(command: object, sweep: Path, tmp_path: Path) -> None:
+    assert callable(command)
+    for out in ("a", "b"):
+        assert command([str(sweep), "--out", str(tmp_path / out), "--format", "svg"]) == 0
+    names = [path.name for path in (tmp_path / "a").iterdir()]
+    assert len(names) == 1
+    for name in names:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_several_tasks_must_be_told_apart(
+    sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_run(sweep, task="mpc_tracking")
+    assert trajectories.main([str(sweep), "--out", str(tmp_path)]) == 1
+    expected = "error: runs of several tasks; choose with --task: mpc_tracking, pid_acc\n"
+    assert capsys.readouterr().err == expected
+
+
+def test_a_film_shows_before_and_after(
+    sweep: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(film, "FRAMES", 3)
+    monkeypatch.setattr(film, "HOLD", 1)
+    path = tmp_path / "docs" / "loop.gif"
+    assert trajectories.main([str(sweep), "--tuner", "zoac", "--animate", str(path)]) == 0
+    with Image.open(path) as picture:
+        assert picture.n_frames == 3  # type: ignore[attr-defined]
+        first = np.asarray(picture.convert("RGB")).copy()
+        picture.seek(2)
+        last = np.asarray(picture.convert("RGB"))
+    for half in (slice(0, 400), slice(400, 800)):
+        assert (first[:, half] != last[:, half]).any()
+
+
+def test_a_film_needs_to_know_the_beginning(tmp_path: Path) -> None:
+    run = read(write_run(tmp_path, evaluations=[(500, 10.0)]))
+    with pytest.raises(RunFolderError, match="there is no 'before tuning' to show"):
+        film.write(tmp_path / "loop.gif", run)
+
+
+def test_films_come_in_two_formats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = read(write_run(tmp_path))
+    with pytest.raises(ConfigError, match=r"cannot write a film as '.avi'; .*known: .gif, .mp4"):
+        film.write(tmp_path / "loop.avi", run)
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    with pytest.raises(ConfigError, match="needs ffmpeg"):
+        film.write(tmp_path / "loop.mp4", run)
+
+
+def test_a_film_ends_where_the_loop_has_settled(task: PidAcc) -> None:
+    calm = PidAcc(max_episode_steps=1000)
+    (segment,) = replay.demonstrate(calm, [NOMINAL])
+    # The demonstration's preceding car drives steadily from step 271 on.
+    assert 271 < replay.settled(calm, [segment]) < 700

@@ -1,0 +1,203 @@
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from tests.analysis.folders import NOMINAL, write_run
+from zoac.analysis.comparison import compare
+from zoac.analysis.formatting import estimate, plus_minus
+from zoac.analysis.load import load
+from zoac.analysis.stats import Interval, Spread
+from zoac.analysis.table2 import csv, latex, main, markdown
+
+
+def table(root: Path, **options: Any) -> str:
+    return markdown(compare(load(root), "pid_acc", **options))
+
+
+def row(text: str, method: str) -> list[str]:
+    (line, *_) = [line for line in text.split("\n") if line.startswith(f"| {method} |")]
+    return [cell.strip() for cell in line.strip("|").split("|")]
+
+
+def mpc(root: Path) -> Path:
+    for seed in range(5):
+        write_run(root, "zoac", seed, task="mpc_tracking", costs=(40.0 + seed, 42.0))
+        write_run(root, "zoac", seed, task="mpc_tracking_reg", costs=(39.0, 41.0 + seed))
+    write_run(root, "nominal", task="mpc_tracking", costs=(38.0, 39.0))
+    return root
+
+
+def test_a_row_is_mean_and_sample_deviation_over_seeds(sweep: Path) -> None:
+    # Seeds at 7.5, 7.6, ..., 7.9: mean 7.7, variance 0.1 / 4.
+    assert row(table(sweep), "BO")[:3] == ["BO", "5", "7.70 ± 0.16"]
+
+
+def test_ours_stands_beside_the_papers(tmp_path: Path) -> None:
+    text = markdown(compare(load(mpc(tmp_path)), "mpc_tracking"))
+    assert row(text, "ZOAC")[3] == "41.7 ± 3.8"
+    assert row(text, "ZOAC (w/ reg)")[5] == "(9.6 ± 4.5)e-5"
+    assert row(text, "CMA-ES")[-1] == "(2.6 ± 0.1)e4"
+    assert row(text, "Nominal")[3] == "37.16"
+
+
+def test_methods_of_table_2_without_a_run_are_named(tmp_path: Path) -> None:
+    notes = compare(load(mpc(tmp_path)), "mpc_tracking").notes
+    assert "BO: 0 of 5 seeds; missing: 0, 1, 2, 3, 4" in notes
+    assert "CMA-ES: 0 of 5 seeds; missing: 0, 1, 2, 3, 4" in notes
+
+
+def test_a_missing_seed_is_named_and_its_row_says_so(sweep: Path) -> None:
+    (sweep / "pid_acc" / "bo" / "seed=2" / "result.json").unlink()
+    text = table(sweep)
+    assert row(text, "BO")[1] == "4 of 5"
+    assert "- BO: 4 of 5 seeds; missing: 2" in text
+    assert "seed=2: unfinished, 1000 of 1000 environment steps" in text
+
+
+def test_a_seed_that_no_method_has_is_missed_when_asked_for(sweep: Path) -> None:
+    notes = compare(load(sweep), "pid_acc", seeds=range(6)).notes
+    assert "ZOAC: 5 of 6 seeds; missing: 5" in notes
+
+
+def test_seeds_that_were_not_asked_for_do_not_count(sweep: Path) -> None:
+    (zoac, *_) = compare(load(sweep), "pid_acc", seeds=[0, 1]).summaries
+    assert zoac.seeds == (0, 1)
+    assert zoac.missing == ()
+
+
+def test_a_cost_that_is_not_a_number_is_named_and_nothing_is_averaged(sweep: Path) -> None:
+    for name in ("result.json", "metrics.jsonl"):
+        path = sweep / "pid_acc" / "bo" / "seed=3" / name
+        path.write_text(path.read_text().replace("6.3", "NaN", 1))
+    text = table(sweep)
+    assert "- BO: the cost of seed 3 is not finite; nothing is averaged" in text
+    assert row(text, "BO")[2] == "--"
+    assert "BO -" not in text
+
+
+def test_mixed_configurations_end_with_one_message(
+    sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_run(sweep, "zoac", 5, config={"lanes": 4})
+    assert main([str(sweep), "--task", "pid_acc", "--out", str(tmp_path / "t")]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: the runs of zoac on pid_acc differ in their configuration")
+    assert "  lanes: 2 in seed 0, seed 1, seed 2, seed 3, seed 4; 4 in seed 5" in error
+    assert not (tmp_path / "t").exists()
+
+
+def test_variants_that_do_not_compare_are_offered_as_a_choice(
+    sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_run(sweep, "zoac", 0, variant="short", config={"budget": 500})
+    command = [str(sweep), "--task", "pid_acc", "--out", str(tmp_path)]
+    assert main(command) == 1
+    assert "choose with --variant: short" in capsys.readouterr().err
+    assert main([*command, "--variant", "short"]) == 0
+    assert main([*command, "--variant", "shorter"]) == 1
+    assert "no run of variant 'shorter'; did you mean 'short'?" in capsys.readouterr().err
+
+
+def test_an_unknown_task_is_one_message(
+    sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(sweep), "--out", str(tmp_path)]) == 1
+    assert capsys.readouterr().err == "error: no run of task 'mpc_tracking'; known: pid_acc\n"
+
+
+def test_the_same_runs_give_the_same_bytes(sweep: Path, tmp_path: Path) -> None:
+    for out in ("a", "b"):
+        assert main([str(sweep), "--task", "pid_acc", "--out", str(tmp_path / out)]) == 0
+    for name in ("table2.md", "table2.tex", "table2.csv"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_claims_follow_the_intervals(sweep: Path) -> None:
+    text = table(sweep)
+    (clear,) = [line for line in text.split("\n") if line.startswith("- ZOAC - BO")]
+    assert "ZOAC costs less on average; P(ZOAC better) = 1.00 [0." in clear
+    assert clear.endswith("ZOAC is the better more often")
+    (luck,) = [line for line in text.split("\n") if line.startswith("- BO - CMA-ES")]
+    # One seed of five failed: neither the means nor the seeds tell the two apart.
+    assert luck.count("no claim") == 2
+
+
+def test_four_seeds_carry_no_claim(sweep: Path) -> None:
+    text = table(sweep, seeds=range(4))
+    assert "ZOAC - BO = -3.12: no claim, fewer than 5 seeds" in text
+
+
+def test_seeds_of_an_untuned_controller_do_not_scatter(sweep: Path) -> None:
+    write_run(sweep, "nominal", 1, costs=(2.5, 3.5, 4.5, 5.5), gains=NOMINAL, evaluations=())
+    assert row(table(sweep), "Nominal")[1:3] == ["2", "4.00"]
+
+
+def test_csv_keeps_every_digit(sweep: Path) -> None:
+    comparison = compare(load(sweep), "pid_acc")
+    frame = pd.read_csv(io.StringIO(csv(comparison)))
+    for summary, (_, line) in zip(comparison.summaries[:3], frame.iterrows(), strict=False):
+        assert summary.cost is not None
+        assert (line["cost"], line["cost_low"]) == (summary.cost.estimate, summary.cost.low)
+
+
+def test_latex_has_a_cell_for_every_column(tmp_path: Path) -> None:
+    text = latex(compare(load(mpc(tmp_path)), "mpc_tracking"))
+    columns = text.split(r"\begin{tabular}{")[1].split("}")[0]
+    rows = [line for line in text.split("\n") if line.endswith(r"\\")]
+    assert len(rows) == 6
+    assert {line.count("&") for line in rows} == {len(columns) - 1}
+    assert "±" not in "".join(rows)
+
+
+def test_at_a_smaller_budget_a_run_counts_as_it_stood_then(sweep: Path) -> None:
+    comparison = compare(load(sweep), "pid_acc", budget=499)
+    zoac, nominal = comparison.summaries[0], comparison.summaries[-1]
+    assert zoac.cost_spread is not None
+    assert zoac.cost_spread.mean == 50.0
+    # Two episodes then; the nominal controller's first two are the same ones.
+    assert comparison.episodes == 2
+    assert nominal.cost is not None
+    assert nominal.cost.estimate == pytest.approx(3.0)
+
+
+def test_times_of_different_machines_are_flagged(sweep: Path) -> None:
+    path = sweep / "pid_acc" / "bo" / "seed=1" / "run.json"
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps({**content, "machine": {"cores": 64}}))
+    assert (
+        "times come from 2 different machines and do not compare"
+        in compare(load(sweep), "pid_acc").notes
+    )
+
+
+@pytest.mark.parametrize(
+    ("spread", "shown"),
+    [
+        (Spread(41.72, 3.84), "41.7 ± 3.8"),
+        (Spread(2.94e-4, 1.36e-4), "(2.9 ± 1.4)e-4"),
+        (Spread(2.66e4, 1.2e3), "(2.7 ± 0.1)e4"),
+        (Spread(1.976, 0.0213), "1.98 ± 0.02"),
+        (Spread(37.16, float("nan")), "37.16"),
+        (None, "--"),
+    ],
+)
+def test_numbers_read_as_the_paper_prints_them(spread: Spread | None, shown: str) -> None:
+    assert plus_minus(spread) == shown
+
+
+@pytest.mark.parametrize(
+    ("interval", "shown"),
+    [
+        (Interval(-6.7, -24.58, -0.063), "-6.70 [-24.58, -0.06]"),
+        (Interval(0.0213, 0.019, 0.0241), "+0.0213 [+0.0190, +0.0241]"),
+        (Interval(2.0, float("nan"), float("nan")), "+2.00"),
+    ],
+)
+def test_bounds_can_be_told_apart(interval: Interval, shown: str) -> None:
+    assert estimate(interval, sign=True) == shown
