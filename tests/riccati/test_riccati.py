@@ -1,0 +1,183 @@
+"""The structured solver: exact by other people's measure, pure, and honest where it fails."""
+
+from __future__ import annotations
+
+import multiprocessing
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.mpc.problems import box_points, tracking_problems
+from tests.riccati.oracle import condense, kkt_error, solve_condensed, solve_in_extended_precision
+from tests.riccati.problems import cart_poles, quadrotors
+from zoac.errors import ConfigError
+from zoac.mpc.policy import _take
+from zoac.mpc.solvers.base import LinearisedProblem, Status
+from zoac.mpc.solvers.riccati import Riccati
+
+SOLVER = Riccati()
+
+
+def vehicles(n: int, seed: int) -> LinearisedProblem:
+    return tracking_problems(box_points(n, seed), seed)
+
+
+def rows(problem: LinearisedProblem, lanes: list[int]) -> LinearisedProblem:
+    return _take(problem, np.array(lanes))
+
+
+@pytest.mark.parametrize("careful", [False, True])
+def test_plans_of_the_whole_box_satisfy_the_kkt_conditions(careful: bool) -> None:
+    problem = vehicles(3000, 0)
+    solution = SOLVER.solve(problem, careful)
+    np.testing.assert_array_equal(solution.status, Status.SOLVED)
+    assert kkt_error(problem, solution.inputs).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        pytest.param(vehicles(150, 1), id="vehicle"),
+        pytest.param(cart_poles(25, 30, 2), id="cart-pole"),
+        pytest.param(cart_poles(1, 20, 3), id="horizon 1"),
+        pytest.param(cart_poles(200, 3, 4), id="horizon 200"),
+        pytest.param(quadrotors(40, 20, 5), id="quadrotor"),
+    ],
+)
+@pytest.mark.parametrize("careful", [False, True])
+def test_plans_agree_with_quadprog_on_the_condensed_problem(
+    problem: LinearisedProblem, careful: bool
+) -> None:
+    solution = SOLVER.solve(problem, careful)
+    np.testing.assert_array_equal(solution.status, Status.SOLVED)
+    for lane, plan in enumerate(solution.inputs):
+        np.testing.assert_allclose(plan, solve_condensed(problem, lane), rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize(("seed", "lane"), [(1053, 514), (1071, 606), (1096, 585)])
+def test_badly_conditioned_problems_are_solved_to_more_digits_than_condensing_leaves(
+    seed: int, lane: int
+) -> None:
+    problem = rows(tracking_problems(box_points(1000, seed), seed), [lane])
+    assert np.linalg.cond(condense(problem, 0)[0]) > 1e10
+    solution = SOLVER.solve(problem)
+    exact, broken = solve_in_extended_precision(problem, 0, solution.inputs[0])
+    assert broken == 0.0
+    assert solution.status[0] == Status.SOLVED
+    np.testing.assert_allclose(solution.inputs[0], exact, rtol=0, atol=1e-8)
+
+
+def test_bounds_are_met_exactly_and_reached() -> None:
+    problem = vehicles(500, 6)
+    plans = SOLVER.solve(problem).inputs
+    assert ((problem.input_low <= plans) & (plans <= problem.input_high)).all()
+    assert (plans == problem.input_high).any()
+    assert (plans == problem.input_low).any()
+
+
+def test_hard_problems_go_through_the_interior_point() -> None:
+    few = Riccati(sweeps=1)
+    problem = vehicles(200, 7)
+    plain, hard = SOLVER.solve(problem), few.solve(problem)
+    assert (hard.iterations > 5).any()
+    np.testing.assert_array_equal(hard.status, Status.SOLVED)
+    np.testing.assert_allclose(hard.inputs, plain.inputs, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("careful", [False, True])
+def test_a_lane_has_the_same_bits_alone_in_any_company_and_after_anything(careful: bool) -> None:
+    problem = vehicles(60, 8)
+    together = SOLVER.solve(problem, careful)
+    order = np.random.default_rng(0).permutation(60).tolist()
+    shuffled = SOLVER.solve(rows(problem, order), careful)
+    np.testing.assert_array_equal(shuffled.inputs, together.inputs[order])
+    np.testing.assert_array_equal(shuffled.iterations, together.iterations[order])
+    for lane in (0, 59):
+        alone = SOLVER.solve(rows(problem, [lane]), careful)
+        np.testing.assert_array_equal(alone.inputs[0], together.inputs[lane])
+
+
+FIELDS = ("states", "inputs", "a", "b", "reference", "state_weights", "input_weights")
+
+
+@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("stage", [0, -1])
+def test_data_that_are_not_finite_have_a_status_and_touch_no_other_lane(
+    field: str, value: float, stage: int
+) -> None:
+    problem = vehicles(3, 9)
+    array = getattr(problem, field).copy()
+    array[1, stage].flat[-1] = value
+    broken = SOLVER.solve(replace(problem, **{field: array}))
+    assert broken.status.tolist() == [Status.SOLVED, Status.NOT_FINITE, Status.SOLVED]
+    sound = SOLVER.solve(problem)
+    np.testing.assert_array_equal(broken.inputs[[0, 2]], sound.inputs[[0, 2]])
+
+
+def test_a_problem_without_a_minimum_has_a_status() -> None:
+    problem = vehicles(2, 10)
+    weights = problem.input_weights.copy()
+    weights[0] = -1e6
+    status = SOLVER.solve(replace(problem, input_weights=weights)).status
+    assert status.tolist() == [Status.NUMERICAL_FAILURE, Status.SOLVED]
+
+
+def test_too_few_steps_have_a_status_and_leave_a_plan_inside_the_box() -> None:
+    problem = vehicles(400, 11)
+    solution = Riccati(sweeps=1, max_active_set_steps=1).solve(problem)
+    short = solution.status == Status.ITERATION_LIMIT
+    assert short.any()
+    assert set(solution.status) == {Status.SOLVED, Status.ITERATION_LIMIT}
+    assert kkt_error(problem, solution.inputs)[~short].max() < 1e-6
+    assert (np.abs(solution.inputs) <= problem.input_high).all()
+
+
+def test_inputs_without_bounds_are_free() -> None:
+    problem = replace(
+        vehicles(40, 12), input_low=np.array([-np.inf, -3.0]), input_high=np.array([np.inf, 3.0])
+    )
+    for careful in (False, True):
+        solution = SOLVER.solve(problem, careful)
+        np.testing.assert_array_equal(solution.status, Status.SOLVED)
+        assert kkt_error(problem, solution.inputs).max() < 1e-6
+
+
+def test_equal_bounds_pin_an_input() -> None:
+    problem = vehicles(40, 13)
+    inputs = problem.inputs.copy()
+    inputs[:, :, 1] = 0.5
+    high, low = problem.input_high.copy(), problem.input_low.copy()
+    high[1] = low[1] = 0.5
+    pinned = replace(problem, inputs=inputs, input_low=low, input_high=high)
+    for careful in (False, True):
+        solution = SOLVER.solve(pinned, careful)
+        np.testing.assert_array_equal(solution.status, Status.SOLVED)
+        np.testing.assert_array_equal(solution.inputs[:, :, 1], 0.5)
+        narrow = np.array([0.0, 1e-9])
+        near = replace(pinned, input_low=low - narrow, input_high=high + narrow)
+        for lane in range(5):
+            np.testing.assert_allclose(
+                solution.inputs[lane], solve_condensed(near, lane), rtol=0, atol=1e-7
+            )
+
+
+def test_bounds_out_of_order_are_the_callers_mistake() -> None:
+    problem = vehicles(1, 14)
+    with pytest.raises(ConfigError, match="input bounds must be numbers in order"):
+        SOLVER.solve(replace(problem, input_low=problem.input_high + 1.0))
+
+
+def _solve(solver: Riccati, problem: LinearisedProblem) -> np.ndarray:
+    return solver.solve(problem).inputs
+
+
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_worker_processes_find_the_same_bits(method: str) -> None:
+    problem = vehicles(20, 15)
+    solver = pickle.loads(pickle.dumps(SOLVER))
+    with multiprocessing.get_context(method).Pool(1) as pool:
+        there = pool.apply(_solve, (solver, problem))
+    np.testing.assert_array_equal(there, SOLVER.solve(problem).inputs)

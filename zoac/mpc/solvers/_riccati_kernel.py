@@ -1,0 +1,277 @@
+"""Solve lanes one by one: clipped sweeps, else interior point and active set; then certify."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import literal_unroll, njit
+
+from zoac.mpc.solvers import (
+    _riccati_active_set,
+    _riccati_interior,
+    _riccati_rows,
+    _riccati_sweeps,
+)
+from zoac.mpc.solvers._riccati_active_set import active_set
+from zoac.mpc.solvers._riccati_interior import interior_point
+from zoac.mpc.solvers._riccati_rows import copy_row, kernel
+from zoac.mpc.solvers._riccati_sweeps import (
+    FREE,
+    HIGH,
+    LOW,
+    PINNED,
+    Layout,
+    accept,
+    backward,
+    forward,
+    forward_clipped,
+    lane_layout,
+    make_lane,
+    optimality_error,
+    place,
+    shape,
+)
+from zoac.mpc.solvers.base import Status
+
+_SOLVED = int(Status.SOLVED)
+_INACCURATE = int(Status.INACCURATE)
+_ITERATION_LIMIT = int(Status.ITERATION_LIMIT)
+_NUMERICAL_FAILURE = int(Status.NUMERICAL_FAILURE)
+_NOT_FINITE = int(Status.NOT_FINITE)
+
+_REFINE_ABOVE = 1e-10  # optimality error, relative to an input's range
+_SOLVED_BELOW = 1e-7
+_SOLVED_BELOW_FIXED = 1e-9  # the same, with the other inputs held
+_REFINEMENTS = 3
+
+
+@kernel
+def _finite(data: Any, index: int, lanes: int) -> bool:
+    """Whether the data of problem `index` hold neither NaN nor infinity."""
+    bad = 0
+    for array in literal_unroll(data):
+        size = len(array) // lanes
+        for i in range(index * size, (index + 1) * size):
+            bad += not np.isfinite(array[i])
+    return bad == 0
+
+
+@kernel
+def _flatten(problem: Any) -> Any:
+    """Return the seven arrays of a problem, flat."""
+    states, inputs, a, b, reference, state_weights, input_weights = problem
+    return (
+        states.reshape(-1),
+        inputs.reshape(-1),
+        a.reshape(-1),
+        b.reshape(-1),
+        reference.reshape(-1),
+        state_weights.reshape(-1),
+        input_weights.reshape(-1),
+    )
+
+
+@kernel
+def _load_bounds(lane: np.ndarray, at: Layout, low: np.ndarray, high: np.ndarray) -> None:
+    """Bounds about the rollout's inputs; one that stands at a bound is guessed to stay there."""
+    n, nx, nu, width = shape(at)
+    for j in range(nu):
+        lowest, highest = low[j], high[j]
+        for k in range(n):
+            m, nominal = k * nu + j, lane[at.offset + k * width + nx + j]
+            lane[at.low + m], lane[at.high + m] = lowest - nominal, highest - nominal
+            side = FREE
+            if nominal == highest:
+                side = HIGH
+            if nominal == lowest:
+                side = LOW
+            if lowest == highest:
+                side = PINNED
+            lane[at.side + m] = side
+
+
+@kernel
+def _load(
+    lane: np.ndarray, at: Layout, data: Any, low: np.ndarray, high: np.ndarray, index: int
+) -> None:
+    """Write problem `index` into the lane's array; the current point is the rollout."""
+    n, nx, nu, width = shape(at)
+    states, inputs, a, b, reference, state_weights, input_weights = data
+    for k in range(n):
+        stage, here = index * n + k, k * width
+        for i in range(nx):
+            row = at.dynamics + (k * nx + i) * width
+            copy_row(lane, row, a, (stage * nx + i) * nx, at.x)
+            copy_row(lane, row + nx, b, (stage * nx + i) * nu, at.u)
+        copy_row(lane, at.weight + here + width, state_weights, stage * nx, at.x)
+        copy_row(lane, at.weight + here + nx, input_weights, stage * nu, at.u)
+        copy_row(lane, at.offset + here + nx, inputs, stage * nu, at.u)
+        for i in range(nx):
+            error = states[(stage + index + 1) * nx + i] - reference[stage * nx + i]
+            lane[at.offset + here + width + i] = error
+    _load_bounds(lane, at, low, high)
+    for i in range((n + 1) * width):
+        lane[at.point + i] = 0.0
+        lane[at.slope + i] = 0.0
+        lane[at.curvature + i] = lane[at.weight + i]
+    for i in range(nx):
+        lane[at.trial + i] = 0.0
+        row = at.hessian + (n * (nx + nu) + i) * width
+        lane[row + i] = lane[at.weight + n * width + i]
+
+
+@kernel
+def _sweep(lane: np.ndarray, at: Layout, limit: int) -> tuple[int, bool]:
+    """Sweep until no input changes sides.
+
+    Returns the number of factorisations, -1 where one failed, and whether it ended within
+    `limit`.
+    """
+    changed = at.n - 1
+    for count in range(1, limit + 1):
+        if not backward(lane, at, changed):
+            return -1, False
+        changed = forward_clipped(lane, at)
+        accept(lane, at)
+        if changed < 0:
+            return count, True
+    return limit, False
+
+
+@kernel
+def _certified(lane: np.ndarray, at: Layout) -> bool:
+    """Refine the current point if need be, and say whether it is optimal to tolerance."""
+    error = optimality_error(lane, at)
+    for _ in range(_REFINEMENTS):
+        if not _REFINE_ABOVE < error < np.inf:
+            break
+        backward(lane, at, -1)
+        forward(lane, at)
+        accept(lane, at)
+        error = optimality_error(lane, at)
+    return error <= _SOLVED_BELOW
+
+
+@kernel
+def _certified_otherwise(lane: np.ndarray, at: Layout) -> bool:
+    """Whether the point is optimal by the Hessian's own diagonal instead of the value's curvature.
+
+    Where inputs are nearly interchangeable the value's curvature is tiny, and rounding alone
+    keeps the error in its units above tolerance; the diagonal never is. It is what the recursion
+    gives when no input is eliminated.
+    """
+    count = at.n * len(at.u)
+    for m in range(count):
+        lane[at.multiplier + m] = lane[at.side + m]  # no longer in use
+        lane[at.side + m] = PINNED
+    backward(lane, at, at.n - 1)
+    error = optimality_error(lane, at)
+    for m in range(count):
+        lane[at.side + m] = lane[at.multiplier + m]
+    return error <= _SOLVED_BELOW_FIXED
+
+
+@kernel
+def _solve_lane(
+    lane: np.ndarray, at: Layout, careful: bool, sweeps: int, limit: int
+) -> tuple[int, int]:
+    """Solve the loaded lane; returns status and number of factorisations."""
+    # Even the careful way needs one factorisation first, for the scale of the inputs.
+    used, ended = _sweep(lane, at, 1 if careful else sweeps)
+    if used < 0:
+        return _NUMERICAL_FAILURE, 0
+    if ended and not careful and _certified(lane, at):
+        return _SOLVED, used
+    count = interior_point(lane, at)
+    if count < 0:
+        return _NUMERICAL_FAILURE, used
+    used += count
+    count, ended = active_set(lane, at, limit)
+    if count < 0:
+        return _NUMERICAL_FAILURE, used
+    used += count
+    if _certified(lane, at) or _certified_otherwise(lane, at):
+        return _SOLVED, used
+    return (_INACCURATE if ended else _ITERATION_LIMIT), used
+
+
+@kernel
+def _store(
+    lane: np.ndarray, at: Layout, low: np.ndarray, high: np.ndarray, plan: np.ndarray
+) -> None:
+    """Write the inputs of the current point; those at a bound are that bound, bit for bit."""
+    nu = len(at.u)
+    for m in range(at.n * nu):
+        k, j = m // nu, m % nu
+        side = lane[at.side + m]
+        w = place(at, m)
+        value = lane[at.offset + w] + lane[at.point + w]
+        if side == HIGH:
+            value = high[j]
+        elif side != FREE:
+            value = low[j]
+        plan[k, j] = min(max(value, low[j]), high[j])
+
+
+def _compile(source: str) -> Any:
+    """Return the compiled entry point.
+
+    numba's cache looks at the date of one file only, but at the values in a function's closure
+    too: `source`, a digest of the other files, keeps it from running stale code.
+    """
+
+    @njit(cache=True, nogil=True, error_model="numpy")
+    def solve_lanes(
+        problem: Any,
+        low: np.ndarray,
+        high: np.ndarray,
+        sizes: Any,
+        careful: bool,
+        sweeps: int,
+        limit: int,
+        plans: np.ndarray,
+        status: np.ndarray,
+        iterations: np.ndarray,
+    ) -> bool:
+        """Solve every lane of `problem`, the seven arrays of `LinearisedProblem` in order.
+
+        `sizes` are three tuples whose lengths are nx, nu and the width of a stored row. Returns
+        False, having done nothing, where the bounds are not in order.
+        """
+        for j in range(len(low)):
+            if not low[j] <= high[j]:
+                return False
+        at = lane_layout(plans.shape[1], sizes[0], sizes[1], sizes[2])
+        lane = make_lane(at)
+        data = _flatten(problem)
+        lanes, stages, nu = plans.shape
+        nx = len(at.x)
+        for index in range(lanes):
+            _load(lane, at, data, low, high, index)
+            status[index], iterations[index] = _solve_lane(lane, at, careful, sweeps, limit)
+            _store(lane, at, low, high, plans[index])
+            # Data that are not finite spoil the certificate; all but the start, which has no part.
+            doubtful = status[index] != _SOLVED
+            for i in range(nx):
+                doubtful = doubtful or not np.isfinite(problem[0][index, 0, i])
+            if doubtful and not _finite(data, index, lanes):
+                status[index] = _NOT_FINITE
+            if status[index] in (_NOT_FINITE, _NUMERICAL_FAILURE):
+                for k in range(stages):
+                    for j in range(nu):
+                        plans[index, k, j] = problem[1][index, k, j]
+        return len(source) > 0  # always: `source` must be used to be in the closure
+
+    return solve_lanes
+
+
+def _digest() -> str:
+    modules = (_riccati_rows, _riccati_sweeps, _riccati_interior, _riccati_active_set)
+    files = [Path(module.__file__) for module in modules if module.__file__]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
+
+
+solve_lanes = _compile(_digest())
