@@ -14,6 +14,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from zoac.errors import ConfigError, suggest
+
 LaneState = dict[str, Any]
 
 
@@ -45,6 +47,11 @@ class LaneEnv(VectorEnv):
         self.observation_space = batch_space(observation_space, num_envs)
         self.action_space = batch_space(action_space, num_envs)
         self.max_episode_steps = max_episode_steps
+        known = self.metadata["render_modes"]
+        if render_mode is not None and render_mode not in known:
+            raise ConfigError(
+                f"render_mode: unknown {render_mode!r}; {suggest(render_mode, known)}"
+            )
         self.render_mode = render_mode
         self.arrays: dict[str, np.ndarray] = {}
         self._steps = np.zeros(num_envs, dtype=np.int64)
@@ -61,6 +68,16 @@ class LaneEnv(VectorEnv):
     def _observe(self) -> np.ndarray:
         """Return a new array (n, o) of observations."""
         raise NotImplementedError
+
+    def _frame(self, lane: int) -> np.ndarray:
+        """Return a picture of `lane`, (height, width, 3) uint8."""
+        raise NotImplementedError
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Return a picture of every lane, if made with `render_mode="rgb_array"`."""
+        if self.render_mode is None:
+            return None
+        return tuple(self._frame(lane) for lane in range(self.num_envs))
 
     def reset(
         self,
@@ -193,8 +210,6 @@ class SingleLane(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def render(self) -> Any:
         """Return the lane's picture (height, width, 3) uint8, if made with `rgb_array`."""
-        if self.render_mode is None:
-            return None
         frames = self.lanes.render()
         return None if frames is None else frames[0]
 

@@ -42,10 +42,14 @@ def traces(segment: Segment) -> list[Trace]:
 
 def draw(axes: Axes, segment: Segment, step: int) -> None:
     """Draw the vehicle on its path after `step` steps."""
-    states = segment.observations[: step + 1, :6]
+    steering = float(segment.actions[max(step - 1, 0), 0])
+    draw_states(axes, segment.observations[: step + 1, :6], steering)
+
+
+def draw_states(axes: Axes, states: np.ndarray, steering: float) -> None:
+    """Draw the vehicle at the last of `states` (T, 6), with the trail of those before."""
     x = float(states[-1, 0])
     points = np.stack(_reference(x - SHOWN_BEHIND, x + SHOWN_AHEAD), axis=1)
-    steering = float(segment.actions[max(step - 1, 0), 0])
     draw_tracking(axes, states[-1], steering, points, states[:, :2], MAX_LATERAL_ERROR)
 
 

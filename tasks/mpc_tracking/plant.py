@@ -51,17 +51,19 @@ class MpcTrackingLanes(LaneEnv):
             max_episode_steps,
             render_mode,
         )
-        self.arrays = {"state": np.zeros((num_envs, 6))}
+        self.arrays = {"state": np.zeros((num_envs, 6)), "input": np.zeros((num_envs, 2))}
         self.arrays["state"][:, 3] = path.SPEED  # a lane not yet begun can stand in a step
 
     def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
         self.arrays["state"][lane] = demonstration_start() if demonstration else random_start(rng)
+        self.arrays["input"][lane] = 0.0
 
     def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         cost = np.empty(self.num_envs)
         terminated = np.empty(self.num_envs, dtype=np.bool_)
         # A steering or an engine saturates: what goes beyond the bounds is not applied.
         applied = np.asarray(actions, dtype=np.float64).clip(INPUT_LOW, INPUT_HIGH)
+        self.arrays["input"][:] = applied
         _advance_lanes(self.arrays["state"], applied, cost, terminated)
         return cost, terminated
 
@@ -69,6 +71,14 @@ class MpcTrackingLanes(LaneEnv):
         observations = np.empty((self.num_envs, self._observation_size))
         _observe_lanes(self.arrays["state"], observations)
         return observations
+
+    def _frame(self, lane: int) -> np.ndarray:
+        # Loads matplotlib, which tuning does not need.
+        from zoac.tasks.mpc_tracking.figures import draw_states
+        from zoac.tasks.rendering import frame
+
+        states, steering = self.arrays["state"][lane][None], self.arrays["input"][lane, 0]
+        return frame(lambda axes: draw_states(axes, states, float(steering)))
 
 
 def random_start(rng: np.random.Generator) -> np.ndarray:

@@ -94,6 +94,13 @@ class PidAccLanes(LaneEnv):
     def _observe(self) -> np.ndarray:
         return self._history.copy()
 
+    def _frame(self, lane: int) -> np.ndarray:
+        # Loads matplotlib, which tuning does not need.
+        from zoac.tasks.rendering import draw_following, frame
+
+        dd, dv, af, u = (float(value) for value in self._history[lane, [0, 1, 2, 9]])
+        return frame(lambda axes: draw_following(axes, dd, dv, af, u, MAX_CLEARANCE_ERROR))
+
 
 @numba.njit(cache=True)
 def _advance_lanes(

@@ -14,6 +14,7 @@ from zoac.mpc.solvers import (
     _riccati_interior,
     _riccati_rows,
     _riccati_sweeps,
+    base,
 )
 from zoac.mpc.solvers._riccati_active_set import active_set
 from zoac.mpc.solvers._riccati_interior import interior_point
@@ -199,21 +200,43 @@ def _solve_lane(
 
 
 @kernel
+def _explain(at: Layout, status: int, data: Any, index: int, lanes: int) -> int:
+    """Return `status`, or that the data are not finite, where that is the reason.
+
+    Data that are not finite spoil the certificate; all but the start, which has no part in it.
+    """
+    start = 0.0
+    for i in range(len(at.x)):
+        start += abs(data[0][index * (at.n + 1) * len(at.x) + i])
+    doubtful = status != _SOLVED or not start < np.inf
+    return _NOT_FINITE if doubtful and not _finite(data, index, lanes) else status
+
+
+@kernel
 def _store(
-    lane: np.ndarray, at: Layout, low: np.ndarray, high: np.ndarray, plan: np.ndarray
+    lane: np.ndarray,
+    at: Layout,
+    low: np.ndarray,
+    high: np.ndarray,
+    usable: bool,
+    plan: np.ndarray,
 ) -> None:
-    """Write the inputs of the current point; those at a bound are that bound, bit for bit."""
+    """Write the inputs of the current point, or the rollout's where there is nothing to use.
+
+    Inputs at a bound are that bound, bit for bit.
+    """
     nu = len(at.u)
     for m in range(at.n * nu):
-        k, j = m // nu, m % nu
+        k, j, w = m // nu, m % nu, place(at, m)
         side = lane[at.side + m]
-        w = place(at, m)
-        value = lane[at.offset + w] + lane[at.point + w]
-        if side == HIGH:
+        value = lane[at.offset + w]
+        if usable and side == HIGH:
             value = high[j]
-        elif side != FREE:
+        elif usable and side != FREE:
             value = low[j]
-        plan[k, j] = min(max(value, low[j]), high[j])
+        elif usable:
+            value = min(max(value + lane[at.point + w], low[j]), high[j])
+        plan[k, j] = value
 
 
 def _compile(source: str) -> Any:
@@ -247,29 +270,20 @@ def _compile(source: str) -> Any:
         at = lane_layout(plans.shape[1], sizes[0], sizes[1], sizes[2])
         lane = make_lane(at)
         data = _flatten(problem)
-        lanes, stages, nu = plans.shape
-        nx = len(at.x)
-        for index in range(lanes):
+        for index in range(len(plans)):
             _load(lane, at, data, low, high, index)
-            status[index], iterations[index] = _solve_lane(lane, at, careful, sweeps, limit)
-            _store(lane, at, low, high, plans[index])
-            # Data that are not finite spoil the certificate; all but the start, which has no part.
-            doubtful = status[index] != _SOLVED
-            for i in range(nx):
-                doubtful = doubtful or not np.isfinite(problem[0][index, 0, i])
-            if doubtful and not _finite(data, index, lanes):
-                status[index] = _NOT_FINITE
-            if status[index] in (_NOT_FINITE, _NUMERICAL_FAILURE):
-                for k in range(stages):
-                    for j in range(nu):
-                        plans[index, k, j] = problem[1][index, k, j]
+            outcome, iterations[index] = _solve_lane(lane, at, careful, sweeps, limit)
+            outcome = _explain(at, outcome, data, index, len(plans))
+            usable = outcome not in (_NOT_FINITE, _NUMERICAL_FAILURE)
+            _store(lane, at, low, high, usable, plans[index])
+            status[index] = outcome
         return len(source) > 0  # always: `source` must be used to be in the closure
 
     return solve_lanes
 
 
 def _digest() -> str:
-    modules = (_riccati_rows, _riccati_sweeps, _riccati_interior, _riccati_active_set)
+    modules = (base, _riccati_rows, _riccati_sweeps, _riccati_interior, _riccati_active_set)
     files = [Path(module.__file__) for module in modules if module.__file__]
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
 
