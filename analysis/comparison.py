@@ -261,18 +261,18 @@ def _summarise(
         not_finite=tuple(o.seed for o in outcomes if not np.isfinite(o.costs).all()),
         scores=scores,
         cost=cost,
-        cost_spread=None if scores is None else _over_seeds(scores),
+        cost_spread=None if scores is None else _over_seeds(scores.per_seed, tuned),
         iqm=iqm,
         minus_nominal=minus_nominal,
-        prediction_error=spread(errors),
+        prediction_error=_over_seeds(errors, tuned),
         wall_seconds=spread([o.wall_seconds for o in outcomes]),
         compute_seconds=spread([o.compute_seconds for o in outcomes]),
     )
 
 
-def _over_seeds(scores: Scores) -> Spread | None:
+def _over_seeds(values: Sequence[float] | np.ndarray, tuned: bool) -> Spread | None:
     # The copies of a controller that was not tuned do not scatter.
-    return spread(scores.per_seed if scores.tuned else scores.per_seed[:1])
+    return spread(values if tuned else values[:1])
 
 
 def _missing_notes(summaries: Sequence[Summary]) -> list[str]:

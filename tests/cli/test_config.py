@@ -112,3 +112,22 @@ def test_explanations_do_not_show_hydras_inner_names():
         compose_config(["budget=x"])
     assert "full_key" not in str(error.value)
     assert "object_type" not in explain(error.value.__cause__, ["budget=x"])
+
+
+def test_an_experiment_changes_the_keys_of_the_run():
+    config = compose_config(["experiment=smoke"])
+    assert (config.budget, config.variant, config.evaluation.final_episodes) == (1000, "smoke", 4)
+    assert compose_config(["experiment=smoke", "budget=5"]).budget == 5
+
+
+@pytest.mark.parametrize("name", names("experiment"))
+def test_an_experiment_sweeps_over_seeds(name):
+    params = compose_config([f"experiment={name}"]).hydra.sweeper.params
+    assert "0,1" in params.seed
+
+
+@pytest.mark.parametrize("name", names("method"))
+def test_a_method_is_a_task_and_a_tuner(name):
+    choices = compose_config([f"method={name}"]).hydra.runtime.choices
+    assert choices.task.startswith("mpc_tracking")
+    assert (choices.tuner in name) or (name.startswith("ours") and choices.tuner == "zoac")

@@ -119,7 +119,6 @@ def _load(
         lane[at.slope + i] = 0.0
         lane[at.curvature + i] = lane[at.weight + i]
     for i in range(nx):
-        lane[at.trial + i] = 0.0
         row = at.hessian + (n * (nx + nu) + i) * width
         lane[row + i] = lane[at.weight + n * width + i]
 

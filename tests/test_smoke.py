@@ -1,0 +1,52 @@
+"""The whole reproduction in small: the smoke experiment, then every analysis command on it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def run(module, *arguments, cwd):
+    done = subprocess.run(
+        [sys.executable, "-m", module, *arguments], cwd=cwd, capture_output=True, text=True,
+        timeout=900, env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("smoke")
+    run("zoac.run", "experiment=smoke", "-m", cwd=folder)
+    return folder
+
+
+def test_every_method_and_seed_has_its_result(sweep):
+    found = {str(p.relative_to(sweep / "runs").parent) for p in sweep.rglob("result.json")}
+    rows = [
+        ("mpc_tracking", tuner) for tuner in ("zoac", "bo", "cmaes", "nominal")
+    ] + [("mpc_tracking_reg", "zoac")]  # fmt: skip
+    assert found == {
+        f"{task}/{tuner}/seed={seed}/variant=smoke" for task, tuner in rows for seed in (0, 1)
+    }
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "pattern"),
+    [
+        ("table2", [], "*.md"),
+        ("curves", [], "*.svg"),
+        ("trajectories", ["--task", "mpc_tracking"], "*.svg"),
+        ("landscape", ["--task", "mpc_tracking", "--parameters", "stage_y", "--points", "3",
+                       "--episodes", "2"], "*.svg"),
+        ("report", [], "*.html"),
+    ],
+)  # fmt: skip
+def test_every_analysis_command_runs_on_it(sweep, command, options, pattern):
+    run(f"zoac.analysis.{command}", "runs", "--out", f"out/{command}", *options, cwd=sweep)
+    assert list((sweep / "out" / command).rglob(pattern))
