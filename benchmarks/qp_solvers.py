@@ -385,11 +385,11 @@ def scale() -> None:
 
     for horizon in (10, 25, 50, 100, 200):
         print(f"horizon {horizon:4}: {median(dense_problems(10, horizon, 6, 2, 0)):8.2f} us")
-    for nx in (2, 4, 6, 8, 12, 16):
+    for nx in (2, 4, 6, 8, 12, 16, 24):
         print(f"states  {nx:4}: {median(dense_problems(10, 25, nx, 2, 0)):8.2f} us")
-    problem = tracking_problems(box_points(1000, 0), 0)
+    (problem,) = closed_loop_problems(1)
     for lanes in (1, 10, 100, 1000):
-        print(f"lanes   {lanes:4}: {median(_take(problem, np.arange(lanes))):8.2f} us each")
+        print(f"lanes   {lanes:4}: {median(_take(problem, np.arange(lanes) % LANES)):8.2f} us each")
 
 
 def main() -> None:

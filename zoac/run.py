@@ -18,6 +18,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from zoac.config import explain, resolved, variant_of
 from zoac.errors import ZoacError
+from zoac.usage import usage
 
 # Runs of this process that ended in an error: (overrides, message). A sweep goes on and says so
 # at its end.
@@ -52,6 +53,9 @@ def multirun_first(arguments: Sequence[str]) -> list[str]:
 def main() -> None:
     """Run the command line; exits with 1 and one message on a user's error."""
     arguments = multirun_first(sys.argv[1:])
+    if arguments in (["--help"], ["-h"]):
+        print(usage(), end="")
+        return
     sys.argv = [sys.argv[0], *arguments]
     # Hydra then hands its exceptions on instead of printing them, and we say it in one message.
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")

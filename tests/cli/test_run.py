@@ -129,3 +129,13 @@ def test_help_loads_nothing_heavy(tmp_path):
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == "set()"
+
+
+def test_help_lists_every_choice_and_key(tmp_path):
+    done = zoac("--help", cwd=tmp_path)
+    assert done.returncode == 0
+    for group in ("task", "tuner", "executor", "mpc_solver", "fidelity", "logger", "experiment"):
+        for path in (ROOT / "conf" / group).glob("*.yaml"):
+            assert path.stem in done.stdout
+    for key in ("seed", "budget", "lanes", "eval_every", "runs_dir", "variant", "resume"):
+        assert f"\n{key}: " in done.stdout

@@ -1,8 +1,8 @@
 """Arithmetic on short rows of a flat array, as SIMD instructions.
 
 numba leaves loops over a few numbers scalar, because it cannot prove that its arrays do not
-overlap; one row written as one LLVM vector is eight times as fast for six states and two inputs
-(`docs/solver.md`). The compiler splits a row into whatever the processor has, and fused
+overlap; one row written as one LLVM vector is six to eight times as fast for six states and two
+inputs (`docs/solver.md`). The compiler splits a row into whatever the processor has, and fused
 multiply-add is exactly specified, so the bits do not depend on the processor.
 
 All offsets count elements; `count` and `width` are tuples whose lengths are the sizes, which
@@ -19,7 +19,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 # Python's division raises at zero; ours gives infinity, which the certificate catches.
-# Python calls none of these itself; leaving its wrappers out halves the time to compile.
+# Python calls none of these itself; leaving its wrappers out saves time to compile.
 _options = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 kernel = njit(**_options)
 inlined = njit(inline="always", **_options)
