@@ -11,7 +11,7 @@ run: setup
 	$(BIN)/python -m zoac.run task=pid_acc tuner=zoac seed=0
 
 test: setup
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 check: lint types test
 
