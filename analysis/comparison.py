@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +44,7 @@ class Outcome:
     prediction_error: float | None
     wall_seconds: float
     compute_seconds: float
+    choices: Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +66,7 @@ class Summary:
         prediction_error: Over seeds.
         wall_seconds: Over seeds, evaluation included.
         compute_seconds: Likewise, over all processes.
+        choices: What its tuner chose in every seed: start, noise model, recommendation, ...
     """
 
     method: Method
@@ -80,6 +83,7 @@ class Summary:
     prediction_error: Spread | None
     wall_seconds: Spread | None
     compute_seconds: Spread | None
+    choices: Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +196,7 @@ def outcome(run: Run, budget: int | None = None) -> Outcome:
         None if error is None else float(error),
         float(row["wall_seconds"]),
         float(row.get("compute_seconds", "nan")),
+        run.identity.get("tuner_choices", {}),
     )
 
 
@@ -267,7 +272,16 @@ def _summarise(
         prediction_error=_over_seeds(errors, tuned),
         wall_seconds=spread([o.wall_seconds for o in outcomes]),
         compute_seconds=spread([o.compute_seconds for o in outcomes]),
+        choices=_common([o.choices for o in outcomes]),
     )
+
+
+def _common(choices: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what is the same in all."""
+    if not choices:
+        return {}
+    first, *others = choices
+    return {k: v for k, v in first.items() if all(o.get(k) == v for o in others)}
 
 
 def _over_seeds(values: Sequence[float] | np.ndarray, tuned: bool) -> Spread | None:

@@ -104,7 +104,16 @@ def markdown(comparison: Comparison) -> str:
     statistics = [list(STATISTICS), *(_statistics_cells(s) for s in comparison.summaries)]
     parts = [f"# {_title(comparison)}", _setting(comparison), _pipes(main_cells(comparison))]
     parts += [_pipes(statistics), METHOD_NOTE]
-    for title, lines in (("Claims", comparison.claims), ("Notes", comparison.notes)):
+    choices = [
+        f"{s.label}: {'; '.join(f'{k} {v}' for k, v in s.choices.items())}"
+        for s in comparison.summaries
+        if s.choices
+    ]
+    for title, lines in (
+        ("What each tuner chose", choices),
+        ("Claims", comparison.claims),
+        ("Notes", comparison.notes),
+    ):
         if lines:
             parts.append(f"## {title}\n\n" + "\n".join(f"- {line}" for line in lines))
     return "\n\n".join(parts) + "\n"

@@ -38,6 +38,15 @@ def test_a_row_is_mean_and_sample_deviation_over_seeds(sweep: Path) -> None:
     assert row(table(sweep), "BO")[:3] == ["BO", "5", "7.70 ± 0.16"]
 
 
+def test_what_a_tuner_chose_is_told_if_all_its_seeds_chose_it(tmp_path: Path) -> None:
+    for seed, spread in ((0, 0.1), (1, 0.2)):
+        folder = write_run(tmp_path, "cmaes", seed)
+        content = json.loads((folder / "run.json").read_text())
+        content["tuner_choices"] = {"population": 11, "spread": spread}
+        (folder / "run.json").write_text(json.dumps(content))
+    assert "- CMA-ES: population 11\n" in table(tmp_path)
+
+
 def test_ours_stands_beside_the_papers(tmp_path: Path) -> None:
     text = markdown(compare(load(mpc(tmp_path)), "mpc_tracking"))
     assert row(text, "ZOAC")[3] == "41.7 ± 3.8"
