@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box
 
-from zoac.environment import LaneEnv
+from zoac.environment import ArrayLanes
 from zoac.parameters import Parameter, ParameterSpace
 from zoac.rollout import LaneGroup, Proposal, Segment
 from zoac.seeding import stream_seed
 from zoac.task import Metric, Task
 
 
-class CountingLanes(LaneEnv):
+class CountingLanes(ArrayLanes):
     """Observation: (episode number of the lane, step, the episode's random number).
 
     Cost: the action plus the random number. Terminates after `ends_after` steps, if given.

@@ -6,7 +6,8 @@ moved to another process without touching its neighbours.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import gymnasium
@@ -19,13 +20,8 @@ from zoac.errors import ConfigError, suggest
 LaneState = dict[str, Any]
 
 
-class LaneEnv(VectorEnv):
+class LaneEnv(VectorEnv, ABC):
     """A `gymnasium.vector.VectorEnv` whose lanes can be masked, saved and restored.
-
-    A subclass keeps everything that lasts in `self.arrays` (name -> array with one row per
-    lane), fills a lane's rows in `_start` and advances all rows in `_advance`. It must draw
-    random numbers in `_start` only, and compute each lane from that lane's rows alone: so the
-    same lane gives the same bits in any batch.
 
     Autoreset is disabled: a finished lane is reset by the caller through
     `reset(options={"reset_mask": ...})`.
@@ -53,32 +49,9 @@ class LaneEnv(VectorEnv):
                 f"render_mode: unknown {render_mode!r}; {suggest(render_mode, known)}"
             )
         self.render_mode = render_mode
-        self.arrays: dict[str, np.ndarray] = {}
         self._steps = np.zeros(num_envs, dtype=np.int64)
-        self._generators: list[np.random.Generator | None] = [None] * num_envs
 
-    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
-        """Begin an episode in `lane`, drawing from `rng`; all of the episode's randomness."""
-        raise NotImplementedError
-
-    def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Advance every lane by `actions` (n, m); return cost (n,) and terminated (n,)."""
-        raise NotImplementedError
-
-    def _observe(self) -> np.ndarray:
-        """Return a new array (n, o) of observations."""
-        raise NotImplementedError
-
-    def _frame(self, lane: int) -> np.ndarray:
-        """Return a picture of `lane`, (height, width, 3) uint8."""
-        raise NotImplementedError
-
-    def render(self) -> tuple[np.ndarray, ...] | None:
-        """Return a picture of every lane, if made with `render_mode="rgb_array"`."""
-        if self.render_mode is None:
-            return None
-        return tuple(self._frame(lane) for lane in range(self.num_envs))
-
+    @abstractmethod
     def reset(
         self,
         *,
@@ -96,6 +69,76 @@ class LaneEnv(VectorEnv):
         Returns:
             Observations (n, o), and infos.
         """
+
+    @abstractmethod
+    def step(
+        self, actions: np.ndarray, mask: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Advance the lanes, or only those where `mask` (n,) holds; the others stand still.
+
+        Returns:
+            Observations (n, o), rewards (n,) = -cost, terminated (n,), truncated (n,), and
+            infos with `cost` (n,). A lane that stood still reports cost 0 and no end.
+        """
+
+    @abstractmethod
+    def state(self, lanes: Sequence[int] | np.ndarray) -> LaneState:
+        """Return a copy of all that `lanes` hold, random streams included."""
+
+    @abstractmethod
+    def restore(self, lanes: Sequence[int] | np.ndarray, state: LaneState) -> np.ndarray:
+        """Put `state` back into `lanes`; return the observations (n, o) of all lanes."""
+
+
+class ArrayLanes(LaneEnv):
+    """Lanes as rows of arrays: the base class of the built-in environments.
+
+    A subclass keeps everything that lasts in `self.arrays` (name -> array with one row per
+    lane), fills a lane's rows in `_start` and advances all rows in `_advance`. It must draw
+    random numbers in `_start` only, and compute each lane from that lane's rows alone: so the
+    same lane gives the same bits in any batch. One with render modes also defines
+    `_frame(lane)`, which returns a picture (height, width, 3) uint8.
+    """
+
+    _frame: Callable[[int], np.ndarray]
+
+    def __init__(
+        self,
+        num_envs: int,
+        observation_space: gymnasium.spaces.Box,
+        action_space: gymnasium.spaces.Box,
+        max_episode_steps: int,
+        render_mode: str | None = None,
+    ) -> None:
+        super().__init__(num_envs, observation_space, action_space, max_episode_steps, render_mode)
+        self.arrays: dict[str, np.ndarray] = {}
+        self._generators: list[np.random.Generator | None] = [None] * num_envs
+
+    @abstractmethod
+    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
+        """Begin an episode in `lane`, drawing from `rng`; all of the episode's randomness."""
+
+    @abstractmethod
+    def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Advance every lane by `actions` (n, m); return cost (n,) and terminated (n,)."""
+
+    @abstractmethod
+    def _observe(self) -> np.ndarray:
+        """Return a new array (n, o) of observations."""
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Return a picture of every lane, if made with `render_mode="rgb_array"`."""
+        if self.render_mode is None:
+            return None
+        return tuple(self._frame(lane) for lane in range(self.num_envs))
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """See `LaneEnv.reset`."""
         options = options or {}
         mask = options.get("reset_mask")
         demonstration = bool(options.get("demonstration", False))
@@ -120,12 +163,7 @@ class LaneEnv(VectorEnv):
     def step(
         self, actions: np.ndarray, mask: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Advance the lanes, or only those where `mask` (n,) holds; the others stand still.
-
-        Returns:
-            Observations (n, o), rewards (n,) = -cost, terminated (n,), truncated (n,), and
-            infos with `cost` (n,). A lane that stood still reports cost 0 and no end.
-        """
+        """See `LaneEnv.step`."""
         if mask is None:
             cost, terminated = self._advance(actions)
             self._steps += 1
@@ -144,7 +182,7 @@ class LaneEnv(VectorEnv):
         return self._observe(), -cost, terminated, truncated, {"cost": cost}
 
     def state(self, lanes: Sequence[int] | np.ndarray) -> LaneState:
-        """Return a copy of all that `lanes` hold, random streams included."""
+        """See `LaneEnv.state`."""
         lanes = np.asarray(lanes)
         return {
             "arrays": {name: array[lanes].copy() for name, array in self.arrays.items()},
@@ -156,7 +194,7 @@ class LaneEnv(VectorEnv):
         }
 
     def restore(self, lanes: Sequence[int] | np.ndarray, state: LaneState) -> np.ndarray:
-        """Put `state` back into `lanes`; return the observations (n, o) of all lanes."""
+        """See `LaneEnv.restore`."""
         lanes = np.asarray(lanes)
         for name, rows in state["arrays"].items():
             self.arrays[name][lanes] = rows

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zoac.errors import ControllerError, ZoacError
+from zoac.recording import Recording
 
 if TYPE_CHECKING:
     from zoac.task import Task
@@ -134,7 +135,7 @@ class LaneGroup:
         running: list[_Running | None] = [None] * self.n
         remaining = np.full(self.n, -1, dtype=np.int64)
         active = np.zeros(self.n, dtype=bool)
-        record = _Record(self.n, self._observations.shape[1:], self._action_shape)
+        record = Recording(self.n, self._observations.shape[1:], self._action_shape)
         segments: list[Segment | None] = [None] * len(proposals)
 
         def begin(lane: int) -> None:
@@ -168,8 +169,12 @@ class LaneGroup:
                 run = running[lane]
                 assert run is not None
                 ended, cut = bool(terminated[lane]), bool(truncated[lane])
-                segments[run.index] = record.cut(
-                    proposals[run.index], run, lane, self._observations[lane], ended, cut
+                segments[run.index] = Segment(
+                    proposal=proposals[run.index],
+                    terminated=ended,
+                    truncated=cut,
+                    starts_episode=run.starts_episode,
+                    **record.cut(run.first_row, lane, self._observations[lane]),
                 )
                 self._needs_reset[lane] = ended or cut
                 if run.resume is not None:
@@ -303,71 +308,6 @@ class LaneGroup:
     def close(self) -> None:
         """Release the environment."""
         self._env.close()
-
-
-class _Record:
-    """Everything the lanes did in one `rollout` call, row by row; grows as needed."""
-
-    def __init__(self, n: int, observation: tuple[int, ...], action: tuple[int, ...]) -> None:
-        self.rows = 0
-        self._observations = np.empty((64, n, *observation))
-        self._actions = np.empty((64, n, *action))
-        self._costs = np.empty((64, n))
-        self._diagnostics: dict[str, np.ndarray] = {}
-
-    def append(
-        self,
-        observations: np.ndarray,
-        actions: np.ndarray,
-        costs: np.ndarray,
-        diagnostics: Mapping[str, np.ndarray],
-    ) -> None:
-        row = self.rows
-        if row == len(self._costs):
-            self._grow()
-        if row == 0:
-            self._diagnostics = {
-                name: np.empty((len(self._costs), *np.shape(value)), np.asarray(value).dtype)
-                for name, value in diagnostics.items()
-            }
-        self._observations[row] = observations
-        self._actions[row] = actions
-        self._costs[row] = costs
-        for name, value in diagnostics.items():
-            self._diagnostics[name][row] = value
-        self.rows = row + 1
-
-    def _grow(self) -> None:
-        self._observations = _doubled(self._observations)
-        self._actions = _doubled(self._actions)
-        self._costs = _doubled(self._costs)
-        self._diagnostics = {name: _doubled(v) for name, v in self._diagnostics.items()}
-
-    def cut(
-        self,
-        proposal: Proposal,
-        run: _Running,
-        lane: int,
-        last_observation: np.ndarray,
-        terminated: bool,
-        truncated: bool,
-    ) -> Segment:
-        """Return the rows of `lane` since `run` began, as a segment that shares no memory."""
-        rows = slice(run.first_row, self.rows)
-        return Segment(
-            proposal=proposal,
-            observations=np.concatenate([self._observations[rows, lane], last_observation[None]]),
-            actions=self._actions[rows, lane].copy(),
-            costs=self._costs[rows, lane].copy(),
-            terminated=terminated,
-            truncated=truncated,
-            starts_episode=run.starts_episode,
-            diagnostics={name: v[rows, lane].copy() for name, v in self._diagnostics.items()},
-        )
-
-
-def _doubled(array: np.ndarray) -> np.ndarray:
-    return np.concatenate([array, np.empty_like(array)])
 
 
 def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

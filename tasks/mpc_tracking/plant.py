@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from numba import njit
 
-from zoac.environment import LaneEnv, SingleLane
+from zoac.environment import ArrayLanes, SingleLane
 from zoac.tasks.mpc_tracking import path
 from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH, INPUT_LOW, TRUE_PARAMETERS, advance, six
 
@@ -23,10 +23,10 @@ MAX_SPEED_ERROR = 4.0  # [m/s]
 TERMINATION_COST = 1000.0
 
 
-class MpcTrackingLanes(LaneEnv):
+class MpcTrackingLanes(ArrayLanes):
     """n vehicles side by side; `gymnasium.make_vec("zoac/MpcTracking-v0")`."""
 
-    metadata = {**LaneEnv.metadata, "render_modes": ["rgb_array"], "render_fps": 10}
+    metadata = {**ArrayLanes.metadata, "render_modes": ["rgb_array"], "render_fps": 10}
 
     def __init__(
         self,

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from gymnasium.spaces import Box
 
-from zoac.environment import LaneEnv, SingleLane
+from zoac.environment import ArrayLanes, SingleLane
 
 GAIN = 1.0  # K_L
 TIME_CONSTANT = 0.45  # T_L [s]
@@ -31,10 +31,10 @@ DEMONSTRATION = (
 )  # fmt: skip
 
 
-class PidAccLanes(LaneEnv):
+class PidAccLanes(ArrayLanes):
     """n car-following episodes side by side; `gymnasium.make_vec("zoac/PidAcc-v0")`."""
 
-    metadata = {**LaneEnv.metadata, "render_modes": ["rgb_array"], "render_fps": 10}
+    metadata = {**ArrayLanes.metadata, "render_modes": ["rgb_array"], "render_fps": 10}
 
     def __init__(
         self,

@@ -11,7 +11,7 @@ from gymnasium.spaces import Box
 from omegaconf import OmegaConf
 
 import zoac.conf
-from zoac.environment import LaneEnv
+from zoac.environment import ArrayLanes
 from zoac.parameters import Parameter, ParameterSpace
 from zoac.rollout import LaneGroup, Segment
 from zoac.seeding import stream_seed
@@ -28,7 +28,7 @@ def true_cost(z: np.ndarray) -> float:
     return float(((z - TARGET) ** 2).sum())
 
 
-class QuadraticLanes(LaneEnv):
+class QuadraticLanes(ArrayLanes):
     """An episode of ten steps costs the distance to TARGET squared, plus noise."""
 
     def __init__(self, n: int) -> None:

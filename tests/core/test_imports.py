@@ -7,8 +7,8 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 CORE = {
-    "errors", "seeding", "parameters", "environment", "rollout", "task", "tuner", "executor",
-    "worker", "process", "evaluation", "checkpoint", "records", "runlog", "trainer",
+    "errors", "seeding", "parameters", "environment", "recording", "rollout", "task", "tuner",
+    "executor", "worker", "process", "evaluation", "checkpoint", "records", "runlog", "trainer",
 }  # fmt: skip
 
 
