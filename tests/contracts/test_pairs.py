@@ -1,0 +1,52 @@
+"""Every tuner on every task, both found by their YAML files, through the trainer."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from zoac import build
+from zoac.config import compose_config, resolved
+from zoac.records import read_metrics
+from zoac.session import Run, execute
+
+CONF = Path(__file__).parents[2] / "conf"
+LANES, STEPS, BUDGET = 2, 12, 100
+
+
+def names(group):
+    return sorted(p.stem for p in (CONF / group).glob("*.yaml"))
+
+
+@pytest.mark.parametrize("tuner", names("tuner"))
+@pytest.mark.parametrize("task", names("task"))
+def test_a_small_run_keeps_its_budget_and_recommends_inside_the_box(tuner, task, tmp_path):
+    config = resolved(compose_config([
+        f"task={task}", f"tuner={tuner}", f"budget={BUDGET}", f"lanes={LANES}", "eval_every=50",
+        f"task.max_episode_steps={STEPS}", "evaluation.episodes=2", "evaluation.final_episodes=3",
+        "mpc_solver=riccati",
+    ]))  # fmt: skip
+    settings, the_task = build.build_settings(config), build.build_task(config)
+    the_tuner = build.build_tuner(config["tuner"], the_task, settings)
+    batches = []
+    ask = the_tuner.ask
+
+    def counted():
+        proposals = ask()
+        batches.append(sum(min(p.horizon or STEPS, STEPS) for p in proposals))
+        return proposals
+
+    the_tuner.ask = counted
+    run = Run({"task": task, "tuner": tuner, "seed": 0}, config, [], the_task, the_tuner,
+              build.build_executor(config), settings, [])  # fmt: skip
+    result = execute(run, tmp_path)
+    if tuner == "nominal":
+        assert result["env_steps"] == 0
+    else:
+        assert BUDGET <= result["env_steps"] < BUDGET + max(batches)
+    assert np.isfinite(result["cost_mean"])
+    assert np.abs(result["z"]).max() <= 1.0
+    for p in the_task.space.parameters:
+        assert p.low <= result["parameters"][p.name] <= p.high
+    rows = read_metrics(tmp_path)
+    assert all(np.isfinite(v) for row in rows for v in row.values() if isinstance(v, float))
