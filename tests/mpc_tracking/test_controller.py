@@ -55,10 +55,11 @@ def ipopt() -> NonlinearMpc:
     return NonlinearMpc(SPACE.names)
 
 
-def test_nominal_inputs_are_those_of_the_nonlinear_programme(observations, ipopt) -> None:
+def test_nominal_inputs_are_those_of_the_nonlinear_programme(ipopt) -> None:
+    starts = MpcTrackingLanes(200).reset(seed=6)[0]
     values = np.array(list(NOMINAL.values()))
-    reference = np.array([ipopt.plan(values, row)[0] for row in observations])
-    actions, _, _ = controller().act(nominal(), observations, {})
+    reference = np.array([ipopt.plan(values, row)[0] for row in starts])
+    actions, _, _ = controller().act(nominal(200), starts, {})
     assert off(actions, reference).max() < 1e-6
 
 
