@@ -76,7 +76,8 @@ class Optuna(EpisodeTuner):
         self._first = starting_point(problem, start, self._rng)
         self._sampler = _sampler(sampler, initial_design, int(self._rng.integers(1, 2**32)))
         self._box = {
-            name: optuna.distributions.FloatDistribution(-1.0, 1.0) for name in problem.space.names
+            name: optuna.distributions.FloatDistribution(-1.0, 1.0)
+            for name in problem.space.coordinates
         }
         self._points = np.empty((0, problem.space.dimension))
         self._seen = np.empty(0)

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 from omegaconf import DictConfig, OmegaConf
 
 from zoac import build, records
-from zoac.adapters import EnvSource, UserTask, parse_space
+from zoac.adapters import Bounds, EnvSource, UserTask, user_task
 from zoac.config import GROUPS, compose_config, resolved
 from zoac.errors import ConfigError, suggest
 from zoac.parameters import ParameterSpace
 from zoac.runlog import Console
 from zoac.session import Run, execute
-from zoac.task import Metric, Task
+from zoac.task import Constraint, Metric, Task
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,7 +60,7 @@ class Result:
         folder: The run folder, with everything that was logged.
     """
 
-    parameters: dict[str, float]
+    parameters: dict[str, Any]
     cost_mean: float
     cost_per_episode: list[float]
     start_cost_mean: float | None
@@ -85,9 +85,12 @@ def tune(
     budget: int = 50_000,
     seed: int = 0,
     lanes: int = 10,
-    start: Mapping[str, float] | None = None,
-    metrics: Sequence[Metric] = (),
+    start: Mapping[str, Any] | None = None,
+    metrics: Sequence[Metric] | Mapping[str, Any] = (),
+    constraints: Sequence[Constraint] | Mapping[str, Any] = (),
     max_episode_steps: int | None = None,
+    plant: Mapping[str, float] | None = None,
+    vary: Mapping[str, Bounds] | None = None,
     tuner_options: Mapping[str, Any] | None = None,
     executor: str = "serial",
     eval_every: int | None = None,
@@ -107,15 +110,20 @@ def tune(
         controller: `act(params, obs)`, or an object with such a method that may remember things
             and begins an episode in `reset()`; params is {name: number}, obs an array.
         space: Bounds by name: `(low, high)`, `(low, high, "log")`, a dict with `low`, `high`,
-            `scale`, `unit`, `start`; or one number, which is fixed.
+            `scale`, `unit`, `start`; `(low, high, "integer")`; a dict with `choices`; or one
+            number, which is fixed.
         tuner: Name of a tuner's config: "zoac", "cmaes", "bo", "random", ...
         budget: Environment steps for tuning.
         seed: Of everything.
         lanes: Environments side by side.
         start: Today's values, where the tuner then begins, if it can be told; their cost is
             reported beside the result.
-        metrics: Reported beside the cost.
+        metrics: Reported beside the cost: `Metric`s, or functions of a segment by name.
+        constraints: What must hold at every step, likewise; see `zoac.constraints`.
         max_episode_steps: Cut episodes here; needed if the environment does not end by itself.
+        plant: Numbers of the environment to set, by attribute: `{"m": 1.2}`.
+        vary: Ranges from which every episode, of tuning and evaluation, draws such numbers:
+            `{"m": (0.8, 1.2)}`.
         tuner_options: By name, such as {"sigma": 0.05}.
         executor: "serial" or "process".
         eval_every: Steps between evaluations; None: a tenth of the budget.
@@ -128,7 +136,15 @@ def tune(
         ConfigError: If something given cannot be used.
         ControllerError: If the controller raises or returns what is not a finite action.
     """
-    the_task, fixed = _task(task, env, controller, space, start, metrics, max_episode_steps)
+    options_of_task = {
+        "start": start,
+        "metrics": metrics,
+        "constraints": constraints,
+        "max_episode_steps": max_episode_steps,
+        "plant": plant,
+        "vary": vary,
+    }
+    the_task = _task(task, env, controller, space, options_of_task)
     built_in = [f"task={task}"] if isinstance(task, str) else []
     config = compose_config([f"tuner={tuner}", f"executor={executor}", *built_in])
     if not built_in:
@@ -147,7 +163,11 @@ def tune(
     plain = resolved(config)
     name = task if isinstance(task, str) else type(the_task).__name__
     if not isinstance(task, str):
-        plain["task"] = {"space": [str(p) for p in the_task.space.parameters], "fixed": fixed}
+        plain["task"] = {
+            "space": [str(p) for p in the_task.space.parameters],
+            "fixed": dict(the_task.fixed),
+            **{k: dict(v) for k, v in (("plant", plant or {}), ("vary", vary or {})) if v},
+        }
     settings = build.build_settings(plain)
     run = Run(
         identity={"task": name, "tuner": tuner, "seed": seed},
@@ -162,7 +182,7 @@ def tune(
     where = Path(folder) if folder is not None else Path(tempfile.mkdtemp(prefix="zoac-"))
     result = execute(run, where)
     return Result(
-        parameters={**result["parameters"], **fixed},
+        parameters={**result["parameters"], **the_task.fixed},
         cost_mean=result["cost_mean"],
         cost_per_episode=result["cost_per_episode"],
         start_cost_mean=_cost_of(the_task, settings) if the_task.nominal is not None else None,
@@ -176,25 +196,19 @@ def _task(
     env: EnvSource | None,
     controller: Any,
     space: ParameterSpace | Mapping[str, Any] | None,
-    start: Mapping[str, float] | None,
-    metrics: Sequence[Metric],
-    max_episode_steps: int | None,
-) -> tuple[Task, dict[str, float]]:
-    """Return the task to tune and its fixed parameters."""
+    options: Mapping[str, Any],
+) -> Task:
+    """Return the task to tune."""
     if task is not None:
         given = {"env": env, "controller": controller, "space": space}
+        given |= {name: options[name] or None for name in ("constraints", "plant", "vary")}
         doubled = [name for name, value in given.items() if value is not None]
         if doubled:
             raise ConfigError(f"give either task or env, controller and space; not {doubled} too")
-        return (make_task(task), {}) if isinstance(task, str) else (task, {})
+        return make_task(task) if isinstance(task, str) else task
     if env is None or controller is None or space is None:
         raise ConfigError("tune needs a task, or all of env, controller and space")
-    parsed, fixed, starts = parse_space(space)
-    starts = {**starts, **(start or {})}
-    user = UserTask(env, controller, parsed, fixed, starts or None, metrics, max_episode_steps)
-    if user.nominal is not None:
-        parsed.unit(user.nominal)  # says what is wrong with a start value
-    return user, fixed
+    return user_task(env=env, controller=controller, space=space, **options)
 
 
 def _cost_of(task: Task, settings: Any) -> float:

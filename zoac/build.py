@@ -35,7 +35,7 @@ def _call(node: Mapping[str, Any], where: str, provided: Mapping[str, Any]) -> A
         for name, value in node.items()
         if not name.startswith("_")
     }
-    return locate(node[TARGET], where)(**arguments, **provided)
+    return locate(node[TARGET], f"{where}.{TARGET}")(**arguments, **provided)
 
 
 def build_task(config: Mapping[str, Any]) -> Task:

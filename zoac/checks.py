@@ -9,10 +9,18 @@ from __future__ import annotations
 import importlib
 import inspect
 import math
+import traceback
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, get_type_hints
 
-from pydantic import ConfigDict, PydanticSchemaGenerationError, TypeAdapter, ValidationError
+from pydantic import (
+    ConfigDict,
+    PydanticSchemaGenerationError,
+    PydanticUserError,
+    TypeAdapter,
+    ValidationError,
+)
 
 from zoac.errors import ConfigError, suggest
 
@@ -20,7 +28,11 @@ TARGET = "_target_"
 
 
 def locate(path: str, where: str) -> Callable[..., Any]:
-    """Return the class or function that a `_target_` names.
+    """Return the class or function of a dotted path, such as a `_target_`.
+
+    Args:
+        path: "package.module.Name".
+        where: The key that names it, for messages.
 
     Raises:
         ConfigError: If it cannot be imported or has no such name.
@@ -28,14 +40,33 @@ def locate(path: str, where: str) -> Callable[..., Any]:
     module_name, _, name = path.rpartition(".")
     try:
         module = importlib.import_module(module_name)
-    except ImportError as error:
-        raise ConfigError(f"{where}._target_: cannot import {path!r}: {error}") from error
     except ValueError:
-        raise ConfigError(f"{where}._target_: expected a dotted path, got {path!r}") from None
+        raise ConfigError(f"{where}: expected a dotted path, got {path!r}") from None
+    except ConfigError:  # says by itself what it needs
+        raise
+    except Exception as error:  # whatever a user's own module raises while it is imported
+        hint = _import_hint(module_name, error)
+        raise ConfigError(f"{where}: cannot import {path!r}: {hint}") from error
     if not hasattr(module, name):
         names = [n for n, v in vars(module).items() if callable(v)]
-        raise ConfigError(f"{where}._target_: no {name!r} in {module_name}; {suggest(name, names)}")
+        raise ConfigError(f"{where}: no {name!r} in {module_name}; {suggest(name, names)}")
     return getattr(module, name)
+
+
+def _import_hint(module: str, error: Exception) -> str:
+    """Say why a module could not be imported, and what to do."""
+    missing = error.name if isinstance(error, ModuleNotFoundError) else None
+    if missing is None or not f"{module}.".startswith(f"{missing}."):
+        steps = traceback.extract_tb(error.__traceback__)
+        place = f" ({steps[-1].filename}, line {steps[-1].lineno})" if steps else ""
+        return f"importing {module} raised {type(error).__name__}: {error}{place}"
+    here = Path.cwd()
+    top = module.partition(".")[0]
+    modules = {p.stem for p in here.glob("*.py")} | {p.parent.name for p in here.glob("*/*.py")}
+    return (
+        f"there is no module {missing!r}; run from the folder that holds {top}.py or {top}/, or "
+        f"name that folder in PYTHONPATH. In {here}: {suggest(top, modules)}"
+    )
 
 
 def check_node(node: Mapping[str, Any], where: str, provided: tuple[str, ...] = ()) -> None:
@@ -55,7 +86,7 @@ def check_node(node: Mapping[str, Any], where: str, provided: tuple[str, ...] = 
         if isinstance(value, Mapping) and TARGET in value:
             check_node(value, f"{where}.{name}")
     given = {k: v for k, v in node.items() if not k.startswith("_")}
-    check_arguments(locate(node[TARGET], where), given, where, provided)
+    check_arguments(locate(node[TARGET], f"{where}.{TARGET}"), given, where, provided)
 
 
 def check_arguments(
@@ -134,4 +165,6 @@ def _faults(value: Any, hint: Any, where: str) -> list[str]:
             f"={e['input']!r}: {e['msg'][0].lower()}{e['msg'][1:]}"
             for e in error.errors()
         ]
+    except PydanticUserError:  # a hint whose parts are imported for type checkers only
+        return []
     return []

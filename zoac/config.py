@@ -9,12 +9,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import Enum
+from pathlib import Path
 from typing import Any
 
 from hydra import compose, initialize_config_module
+from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.plugins import Plugins
 from hydra.errors import HydraException, OverrideParseException
+from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -72,6 +76,27 @@ class RunSchema:
 ConfigStore.instance().store(name="run_schema", node=RunSchema)
 
 
+class OwnConf(SearchPathPlugin):
+    """Lets Hydra find `conf/` of the current folder, behind the package's: a user's own choices."""
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        """Add the folder, if it is there."""
+        if (folder := own_conf()) is not None:
+            search_path.append("own", f"file://{folder}")
+
+
+def own_conf() -> Path | None:
+    """Return the folder `conf` below the current one, unless there is none or it is zoac's own."""
+    folder = Path.cwd() / "conf"
+    is_zoacs = (folder.parent / "zoac" / "run.py").is_file()
+    return folder if folder.is_dir() and not is_zoacs else None
+
+
+def know_own_conf() -> None:
+    """Make Hydra ask `OwnConf` from now on."""
+    Plugins.instance().register(OwnConf)
+
+
 def compose_config(overrides: Sequence[str]) -> DictConfig:
     """Compose the configuration from Hydra overrides, as the command line does.
 
@@ -89,6 +114,7 @@ def compose_config(overrides: Sequence[str]) -> DictConfig:
 def _hydra() -> Iterator[GlobalHydra]:
     """Yield Hydra ready to compose this package's configuration, whoever used it before."""
     GlobalHydra.instance().clear()
+    know_own_conf()
     with initialize_config_module(CONFIG_MODULE, version_base="1.3"):
         yield GlobalHydra.instance()
 

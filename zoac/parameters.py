@@ -3,6 +3,11 @@
 Tuners search the mapped box Theta_m = [-1, 1]^d (section III-C of the paper); controllers see
 physical values. `ParameterSpace` is the only place that maps between the two, and the only
 place that clips.
+
+A number, real or whole, is one coordinate of the box; a choice among K options is K coordinates,
+of which the largest decides, so that no order is imposed on the options. Under ZOAC's
+perturbation z = theta + sigma epsilon the cost averaged over epsilon is smooth in theta for
+discrete parameters too, and eq. (10) estimates its gradient: `docs/discrete.md`.
 """
 
 from __future__ import annotations
@@ -10,13 +15,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from zoac.errors import ConfigError, suggest
 
 Scale = Literal["linear", "log"]
+Kind = Literal["real", "integer", "choice"]
+
+CHOSEN = 0.1
+"""Coordinate of an option that is given as a value; the others get its negative. One ordinary
+perturbation (sigma = 0.1) then changes the choice now and then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +39,13 @@ class Parameter:
         high: Upper bound, in `unit`.
         scale: "linear" or "log": how [-1, 1] maps to [low, high].
         unit: Unit for people to read, such as "N/rad"; empty for a pure number.
+        kind: "real"; "integer": every whole number from low to high, each an equal share of
+            [-1, 1]; "choice": see `choice`.
+        options: What may be chosen, for a choice.
 
     Raises:
-        ConfigError: If the bounds are not finite, not in order, or not positive on a log scale.
+        ConfigError: If the bounds are not finite, not in order, or not positive on a log scale,
+            or not whole for an integer.
     """
 
     name: str
@@ -39,9 +53,13 @@ class Parameter:
     high: float
     scale: Scale = "linear"
     unit: str = ""
+    kind: Kind = "real"
+    options: tuple[Any, ...] = ()
 
     def __post_init__(self) -> None:
         where = f"parameter {self.name!r}"
+        if self.kind == "choice":
+            return
         if self.scale not in ("linear", "log"):
             raise ConfigError(
                 f"{where}: unknown scale {self.scale!r}; {suggest(self.scale, ('linear', 'log'))}"
@@ -54,10 +72,52 @@ class Parameter:
             )
         if self.scale == "log" and self.low <= 0:
             raise ConfigError(f"{where}: a log scale needs a positive lower bound, got {self.low}")
+        if self.kind == "integer":
+            if self.scale == "log":
+                raise ConfigError(f"{where}: an integer has no log scale; tune its logarithm")
+            if self.low != int(self.low) or self.high != int(self.high):
+                raise ConfigError(
+                    f"{where}: bounds of an integer must be whole, got [{self.low}, {self.high}]"
+                )
+
+    @property
+    def numeric(self) -> bool:
+        """Whether its values are numbers."""
+        return all(isinstance(o, (int, float)) and not isinstance(o, bool) for o in self.options)
+
+    def plain(self, value: float) -> Any:
+        """Return a value that `ParameterSpace.values` gives as int, float or option."""
+        if self.kind == "choice":
+            if not self.numeric:
+                return self.options[int(value)]
+            return next(option for option in self.options if float(option) == float(value))
+        return round(value) if self.kind == "integer" else float(value)
+
+
+def integer(name: str, low: int, high: int, unit: str = "") -> Parameter:
+    """Return a whole number from `low` to `high`, both included."""
+    return Parameter(name, low, high, unit=unit, kind="integer")
+
+
+def choice(name: str, options: Sequence[Any], unit: str = "") -> Parameter:
+    """Return a choice among options without order: strings, or numbers.
+
+    Raises:
+        ConfigError: If there are fewer than two, or one comes twice.
+    """
+    if len(options) < 2 or len(set(options)) < len(options):
+        raise ConfigError(
+            f"parameter {name!r}: expected two or more different options, got {list(options)}"
+        )
+    return Parameter(name, 0, len(options) - 1, unit=unit, kind="choice", options=tuple(options))
 
 
 class ParameterSpace:
-    """An ordered set of parameters and the one-to-one map between it and [-1, 1]^d."""
+    """An ordered set of parameters and the map between it and the mapped box [-1, 1]^d.
+
+    One to one where all parameters are real; of a discrete one, `unit` returns the point that
+    stands for the value.
+    """
 
     def __init__(self, parameters: Sequence[Parameter]) -> None:
         """
@@ -72,35 +132,70 @@ class ParameterSpace:
         if repeated:
             raise ConfigError(f"parameter names must differ; repeated: {', '.join(repeated)}")
         self._log = np.array([p.scale == "log" for p in self.parameters])
-        self._bounds = np.array([(p.low, p.high) for p in self.parameters]).T
+        self._bounds = np.array([(p.low, p.high) for p in self.parameters], dtype=np.float64).T
         self._scaled = self._bounds.copy()
         self._scaled[:, self._log] = np.log10(self._bounds[:, self._log])
+        self._integer = np.array([p.kind == "integer" for p in self.parameters])
+        widths = [len(p.options) or 1 for p in self.parameters]
+        self._first = np.cumsum([0, *widths[:-1]])  # each parameter's first coordinate
+        self._choices = {
+            i: (slice(self._first[i], self._first[i] + len(p.options)), _codes(p))
+            for i, p in enumerate(self.parameters)
+            if p.kind == "choice"
+        }
+        self.coordinates = tuple(
+            f"{p.name}={option}" if p.options else p.name
+            for p in self.parameters
+            for option in p.options or (None,)
+        )
+        """Names of the box's axes, (d,)."""
 
     @property
     def dimension(self) -> int:
-        """Number of parameters d."""
-        return len(self.names)
+        """Number of coordinates d of the mapped box."""
+        return len(self.coordinates)
 
     def clip(self, z: np.ndarray) -> np.ndarray:
         """Return `z`, any shape (..., d), clipped to the mapped box [-1, 1]^d."""
         return np.clip(z, -1.0, 1.0)
 
     def values(self, z: np.ndarray) -> np.ndarray:
-        """Map `z` (..., d) from the mapped box to physical values (..., d), in `names` order.
+        """Map `z` (..., d) from the mapped box to physical values (..., p), in `names` order.
 
-        Values outside [-1, 1] are clipped first.
+        Values outside [-1, 1] are clipped first. A choice among numbers is that number; among
+        anything else it is the option's position. For all real parameters p = d.
         """
         low, high = self._scaled
-        values = low + (self.clip(np.asarray(z, dtype=np.float64)) + 1.0) * 0.5 * (high - low)
+        z = np.asarray(z, dtype=np.float64)
+        inside = self.clip(z[..., self._first] if self._choices else z)
+        values = low + (inside + 1.0) * 0.5 * (high - low)
         values[..., self._log] = np.power(10.0, values[..., self._log])
-        return np.clip(values, self._bounds[0], self._bounds[1])
+        if self._integer.any():
+            count = (high - low + 1.0)[self._integer]
+            share = np.floor((inside[..., self._integer] + 1.0) * 0.5 * count)
+            values[..., self._integer] = low[self._integer] + np.minimum(share, count - 1.0)
+        values = np.clip(values, self._bounds[0], self._bounds[1])
+        for i, (columns, codes) in self._choices.items():
+            # Not clipped: beyond the box, the larger of two coordinates still decides.
+            values[..., i] = codes[z[..., columns].argmax(axis=-1)]
+        return values
 
     def physical(self, z: np.ndarray) -> dict[str, np.ndarray]:
-        """Map `z` (..., d) to named physical values, each of shape (...,)."""
+        """Map `z` (..., d) to named physical values, each of shape (...,); options as such."""
         values = self.values(z)
-        return {name: values[..., i] for i, name in enumerate(self.names)}
+        physical = {name: values[..., i] for i, name in enumerate(self.names)}
+        for i in self._choices:
+            p = self.parameters[i]
+            if not p.numeric:
+                physical[p.name] = np.array(p.options, dtype=object)[values[..., i].astype(int)]
+        return physical
 
-    def unit(self, parameters: Mapping[str, float | np.ndarray]) -> np.ndarray:
+    def named(self, z: np.ndarray) -> dict[str, Any]:
+        """Map one `z` (d,) to plain Python values by name: float, int or option."""
+        values = self.values(z)
+        return {p.name: p.plain(v) for p, v in zip(self.parameters, values, strict=True)}
+
+    def unit(self, parameters: Mapping[str, Any]) -> np.ndarray:
         """Map named physical values, each of shape (...,), to `z` (..., d) in [-1, 1].
 
         Raises:
@@ -112,14 +207,47 @@ class ParameterSpace:
         missing = [name for name in self.names if name not in parameters]
         if missing:
             raise ConfigError(f"no value for parameter(s) {', '.join(missing)}")
-        given = (np.asarray(parameters[name], dtype=np.float64) for name in self.names)
+        given = (self._numbers(p, parameters[p.name]) for p in self.parameters)
         values = np.stack(np.broadcast_arrays(*given), axis=-1)
         for i, p in enumerate(self.parameters):
+            if p.kind == "choice":
+                continue
             if not np.all((values[..., i] >= p.low) & (values[..., i] <= p.high)):
                 raise ConfigError(
                     f"parameter {p.name!r}: {parameters[p.name]} lies outside "
                     f"[{p.low}, {p.high}] {p.unit}".rstrip()
                 )
+        codes = values.copy()
         values[..., self._log] = np.log10(values[..., self._log])
         low, high = self._scaled
-        return self.clip((values - low) / (high - low) * 2.0 - 1.0)
+        z = self.clip((values - low) / (high - low) * 2.0 - 1.0)
+        if self._integer.any():
+            shares = (values - low + 0.5) / (high - low + 1.0)  # the middle of the number's share
+            z[..., self._integer] = (shares * 2.0 - 1.0)[..., self._integer]
+        if not self._choices:
+            return z
+        wide = np.repeat(z, [len(p.options) or 1 for p in self.parameters], axis=-1)
+        for i, (columns, options) in self._choices.items():
+            wide[..., columns] = np.where(codes[..., i, None] == options, CHOSEN, -CHOSEN)
+        return wide
+
+    def _numbers(self, p: Parameter, given: Any) -> np.ndarray:
+        """Return given values of a parameter as the numbers that `values` would give."""
+        if p.kind != "choice":
+            return np.asarray(given, dtype=np.float64)
+        codes = dict(zip(p.options, _codes(p), strict=True))
+        array = np.array(given, dtype=object)
+        for value in array.reshape(-1):
+            if value not in codes:
+                raise ConfigError(
+                    f"parameter {p.name!r}: unknown option {value!r}; "
+                    f"{suggest(str(value), map(str, p.options))}"
+                )
+        return np.array([codes[v] for v in array.reshape(-1)], dtype=np.float64).reshape(
+            array.shape
+        )
+
+
+def _codes(p: Parameter) -> np.ndarray:
+    """Return the number that stands for each option (K,)."""
+    return np.array(p.options if p.numeric else range(len(p.options)), dtype=np.float64)

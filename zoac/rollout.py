@@ -119,7 +119,7 @@ class LaneGroup:
         self._steps = np.zeros(self.n, dtype=np.int64)  # since the start of the episode
         self._everyone = np.arange(self.n)
         # One contiguous row of n values per parameter.
-        self._values = np.zeros((self._space.dimension, self.n))
+        self._values = np.zeros((len(self._space.names), self.n))
         self._parameters = dict(zip(self._space.names, self._values, strict=True))
 
     def rollout(self, proposals: Sequence[Proposal]) -> list[Segment]:

@@ -16,7 +16,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from zoac.config import explain, resolved, variant_of
+from zoac.config import explain, know_own_conf, resolved, variant_of
 from zoac.errors import ZoacError
 from zoac.usage import usage
 
@@ -59,6 +59,9 @@ def main() -> None:
     sys.argv = [sys.argv[0], *arguments]
     # Hydra then hands its exceptions on instead of printing them, and we say it in one message.
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")
+    know_own_conf()
+    if os.getcwd() not in sys.path:  # `zoac` instead of `python -m zoac.run`: a user's modules
+        sys.path.insert(0, os.getcwd())
     try:
         _job()
     except (HydraException, OmegaConfBaseException) as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
@@ -70,6 +70,22 @@ class Metric:
     unit: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class Constraint:
+    """A quantity that must not be above zero at any step; see `zoac.constraints`.
+
+    Args:
+        name: Name in logs and results.
+        per_step: Function of a segment that returns one value per step, (T,); above zero is a
+            violation, by so much.
+        scale: What counts as a large violation, in the quantity's own unit.
+    """
+
+    name: str
+    per_step: Callable[[Segment], np.ndarray]
+    scale: float = 1.0
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Trace:
     """One line that figures show of a segment.
@@ -96,7 +112,10 @@ class Task(ABC):
 
     space: ParameterSpace
     metrics: tuple[Metric, ...] = ()
-    nominal: Mapping[str, float] | None = None
+    constraints: tuple[Constraint, ...] = ()
+    fixed: Mapping[str, float] = {}
+    """Parameters that the controller has beside those in `space`, by name."""
+    nominal: Mapping[str, Any] | None = None
     """Reference parameters that are not tuned, for tasks that have them."""
 
     @abstractmethod
@@ -110,6 +129,10 @@ class Task(ABC):
     def tuning_costs(self, segment: Segment) -> np.ndarray:
         """Return the costs (T,) that a tuner sees; evaluation always reports the plain ones."""
         return segment.costs
+
+    def env_action(self, action: np.ndarray) -> Any:
+        """Return a controller's action (m,) as one environment of this task takes it."""
+        return action
 
     def traces(self, segment: Segment) -> list[Trace]:
         """Return what figures show of a segment; by default every observation, action and cost.

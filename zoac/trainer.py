@@ -150,8 +150,7 @@ class Trainer:
             )
         row = evaluation_row(segments, self._task.metrics)
         self._account(segments)
-        parameters = {name: float(v) for name, v in self._task.space.physical(z).items()}
-        row = {**row, "parameters": parameters, "z": z.tolist(), "final": final}
+        row = {**row, "parameters": self._task.space.named(z), "z": z.tolist(), "final": final}
         self._log.row("eval", self._stamp(compute_seconds=self._compute_seconds()), row)
         return row
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import zoac.conf
+from zoac.config import own_conf
 
 _TEXT = """\
 Tune a controller from its closed-loop performance.
@@ -19,7 +20,7 @@ usage: python -m zoac.run [group=choice ...] [key=value ...] [-m]
   python -m zoac.run task=mpc_tracking tuner=bo --cfg job               show every option
 
 == Groups ==
-{groups}
+{groups}{own}
 
 == Keys ==
 {keys}
@@ -32,11 +33,24 @@ Options of a choice are keys too: tuner.sigma=0.1, task.max_episode_steps=500, e
 def usage() -> str:
     """Return the help text."""
     folder = Path(next(iter(zoac.conf.__path__)))
-    groups = [
-        f"{group.name}: {', '.join(sorted(p.stem for p in group.glob('*.yaml')))}"
-        for group in sorted(folder.iterdir())
-        if any(group.glob("*.yaml"))
-    ]
+    own = own_conf()
+    of_their_own = "".join(f"\n{line}" for line in _groups(own)) if own else ""
     _, _, rest = (folder / "run.yaml").read_text().partition("\nseed:")
     keys, _, _ = f"seed:{rest}".partition("\nhydra:")
-    return _TEXT.format(groups="\n".join(groups), keys=keys.strip())
+    return _TEXT.format(
+        groups="\n".join(_groups(folder)),
+        own=f"\n\n== Groups, from {own} =={of_their_own}" if of_their_own else "",
+        keys=keys.strip(),
+    )
+
+
+def _groups(folder: Path) -> list[str]:
+    """Return a line for each config group in `folder`: its name and its choices."""
+    lines = []
+    for group in sorted(path for path in folder.iterdir() if path.is_dir()):
+        choices = sorted(
+            p.relative_to(group).with_suffix("").as_posix() for p in group.rglob("*.yaml")
+        )
+        if choices:
+            lines.append(f"{group.name}: {', '.join(choices)}")
+    return lines

@@ -4,7 +4,7 @@ import pytest
 from gymnasium.spaces import Box, Discrete, MultiBinary
 
 from tests.support import same_segment
-from zoac.adapters import GymnasiumLanes, ScalarController, UserTask, parse_space
+from zoac.adapters import GymnasiumLanes, ScalarController, UserTask, env_action, parse_space
 from zoac.errors import ConfigError, ControllerError, EnvironmentContractError
 from zoac.rollout import LaneGroup, Proposal
 
@@ -109,10 +109,10 @@ def test_actions_reach_the_environment_in_its_own_type_and_bounds():
 
 def test_discrete_actions_are_rounded_into_range():
     env = gymnasium.make("CartPole-v1")
-    lanes = GymnasiumLanes([env], None)
-    assert lanes.max_episode_steps == 500
-    assert [lanes._action(np.array([a])) for a in (-3.0, 0.4, 0.6, 7.0)] == [0, 0, 1, 1]
+    assert GymnasiumLanes([env], None).max_episode_steps == 500
     assert isinstance(env.action_space, Discrete)
+    given = [env_action(env.action_space, np.array([a])) for a in (-3.0, 0.4, 0.6, 7.0)]
+    assert given == [0, 0, 1, 1]
 
 
 def test_spaces_that_cannot_be_tuned_on_are_named():
