@@ -25,10 +25,11 @@ register()
 
 if TYPE_CHECKING:
     from zoac.api import Result as Result
+    from zoac.api import load_result as load_result
     from zoac.api import make_task as make_task
     from zoac.api import tune as tune
 
-__all__ = ["Result", "make_task", "tune"]
+__all__ = ["Result", "load_result", "make_task", "tune"]
 
 
 def __getattr__(name: str) -> Any:
