@@ -55,7 +55,7 @@ class EvolutionStrategy(EpisodeTuner):
         self._standardise = standardise_costs
         self._start = start
         self._theta = starting_point(problem, start, self._rng)
-        self._adam = Adam(problem.space.dimension)
+        self._adam = Adam(self._theta)
         self._noise: list[np.ndarray] = []
 
     def _draw(self) -> list[np.ndarray]:
@@ -70,8 +70,9 @@ class EvolutionStrategy(EpisodeTuner):
         self._noise = []
         # The mean stays in the box: beyond it nothing would pull it back, since the noise is
         # clipped away there.
-        step = self._adam.step(gradient, self._step_size)
-        self._theta = self._problem.space.clip(self._theta - step)
+        self._theta = self._theta.copy()
+        self._adam.descend(self._theta, gradient, self._step_size)
+        self._theta = self._problem.space.clip(self._theta)
         return {"gradient_norm": float(np.linalg.norm(gradient))}
 
     def _own_recommendation(self) -> np.ndarray | None:

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from zoac.algorithm.adam import Adam
+
 _CHUNK = 4096
 
 # The number of threads changes the order of sums and so the bits; one is also the fastest for
@@ -60,7 +62,6 @@ class Critic:
         count = sum(math.prod(shape) for shape in shapes)
         self._weights = torch.zeros(count)
         self._gradient = torch.zeros(count)
-        self._weights.grad = self._gradient
         views = _views(self._weights, shapes)
         self._matrices, self._biases = views[::2], views[1::2]
         views = _views(self._gradient, shapes)
@@ -69,9 +70,8 @@ class Critic:
         for matrix in self._matrices:
             gain = 1.0 if matrix is self._matrices[-1] else 5 / 3
             torch.nn.init.orthogonal_(matrix, gain=gain, generator=generator)
-        self._adam = torch.optim.Adam(
-            [self._weights], lr=learning_rate, betas=(0.9, 0.999), fused=True
-        )
+        self._learning_rate = learning_rate
+        self._adam = Adam(self._weights.numpy())
 
     @torch.no_grad()
     def values(self, observations: np.ndarray) -> np.ndarray:
@@ -128,20 +128,19 @@ class Critic:
         flow = torch.outer(error, self._matrices[-1][0])
         for layer in range(len(activations) - 2, -1, -1):
             output = activations[layer + 1]
-            flow.mul_(output.square_().neg_().add_(1.0))  # tanh' = 1 - tanh^2
+            flow = torch.ops.aten.tanh_backward(flow, output)  # tanh' = 1 - tanh^2
             torch.mm(flow.t(), activations[layer], out=self._matrix_gradients[layer])
             torch.sum(flow, 0, out=self._bias_gradients[layer])
             if layer > 0:
                 flow = flow @ self._matrices[layer]
-        self._adam.step()
+        self._adam.descend(self._weights.numpy(), self._gradient.numpy(), self._learning_rate)
         return loss
 
     def state(self) -> dict[str, Any]:
         """Return a picklable copy: weights, Adam's moments, random stream, statistics."""
-        adam = self._adam.state[self._weights]
         return {
             "weights": self._weights.numpy().copy(),
-            "adam": {name: value.numpy().copy() for name, value in adam.items()},
+            "adam": self._adam.state(),
             "rng": self._rng.bit_generator.state,
             "statistics": None if self._statistics is None else self._statistics.state(),
         }
@@ -149,9 +148,7 @@ class Critic:
     def restore(self, state: dict[str, Any]) -> None:
         """Put back what `state` returned."""
         self._weights.copy_(torch.from_numpy(state["weights"]))
-        self._adam.state[self._weights] = {
-            name: torch.from_numpy(np.array(value)) for name, value in state["adam"].items()
-        }
+        self._adam.restore(state["adam"])
         self._rng.bit_generator.state = state["rng"]
         if self._statistics is not None:
             self._statistics.restore(state["statistics"])

@@ -114,7 +114,7 @@ class Zoac(Tuner):
                 raise ConfigError("tuner.start=nominal: this task has no nominal parameters")
             self._theta = problem.nominal.copy()
         self._average = self._theta.copy()
-        self._adam = Adam(dimension)
+        self._adam = Adam(self._theta)
         self._iteration = 0
         self._worst_cost = 0.0
         self._directions = np.empty((0, dimension))
@@ -153,7 +153,8 @@ class Zoac(Tuner):
         weights = self._weights(advantages)
         gradient = zeroth_order_gradient(weights, self._directions, self._sigma)  # eq. (10)
         step_size = self.step_size
-        self._theta = self._theta - self._adam.step(gradient, step_size)
+        self._theta = self._theta.copy()
+        self._adam.descend(self._theta, gradient, step_size)
         if self._project:
             self._theta = self._problem.space.clip(self._theta)
         self._average = self._decay * self._average + (1 - self._decay) * self._theta
