@@ -26,13 +26,21 @@ from zoac.errors import ConfigError, suggest
 from zoac.records import WITHOUT_EFFECT
 
 CONFIG_MODULE = "zoac.conf"
-GROUPS = ("task", "tuner", "executor", "mpc_solver", "fidelity", "logger", "method", "experiment")
+GROUPS = (
+    "task", "tuner", "executor", "mpc_solver", "fidelity", "logger", "launcher", "method",
+    "experiment",
+)  # fmt: skip
 
 # Overrides that say which run this is; `records.WITHOUT_EFFECT` cannot change its numbers.
-NOT_A_VARIANT = ("task", "tuner", "seed", "method", "experiment")
+NOT_A_VARIANT = ("task", "tuner", "seed", "launcher", "method", "experiment")
 
 
 NOT_OF_THE_RUN = ("hydra", "method", "experiment")
+
+EXTRA_OF_LAUNCHER = {
+    "joblib": "launchers", "submitit_local": "launchers", "submitit_slurm": "launchers",
+    "ray": "ray-launcher",
+}  # fmt: skip
 
 
 class Resume(Enum):
@@ -128,6 +136,9 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
     text = "\n".join(dict.fromkeys(line for line in lines if line and not _internal(line)))
     if isinstance(error, OverrideParseException):
         return f"cannot read the override {error.override!r}: {text}; write key=value"
+    for launcher, extra in EXTRA_OF_LAUNCHER.items():
+        if f"Could not find 'hydra/launcher/{launcher}'" in text:
+            return f"the launcher {launcher} is not installed: pip install 'zoac[{extra}]'"
     for override in overrides:
         key, _, value = override.lstrip("+~").partition("=")
         if f"override '{key}'" in text and "To append to your config" in text:

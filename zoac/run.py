@@ -8,40 +8,69 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
+from hydra.experimental.callback import Callback
 from hydra.types import RunMode
-from omegaconf import DictConfig
+from omegaconf import DictConfig, read_write
 from omegaconf.errors import OmegaConfBaseException
 
+from zoac import sweep
 from zoac.config import explain, know_own_conf, resolved, variant_of
 from zoac.errors import ZoacError
 from zoac.usage import usage
 
-# Runs of this process that ended in an error: (overrides, message). A sweep goes on and says so
-# at its end.
-_failures: list[tuple[str, str]] = []
+# Where Hydra's callback, which may be of a second copy of this module, tells `main` of a sweep.
+_SWEEP = "ZOAC_SWEEP"
+
+
+class SweepStart(Callback):
+    """Settles what all jobs of a sweep share, before the launcher starts."""
+
+    def on_multirun_start(self, config: DictConfig, **more: Any) -> None:
+        """Fix the sweep's folder, and the environment that jobs' processes inherit."""
+        folder = str(Path(config.hydra.sweep.dir).absolute())
+        os.environ[_SWEEP] = folder
+        # Composed anew for each job, where runs_dir may differ and another folder be the current.
+        quoted = folder.replace("\\", "\\\\").replace("'", "\\'")
+        with read_write(config.hydra):
+            config.hydra.overrides.hydra.append(f"hydra.sweep.dir='{quoted}'")
+        # Numeric libraries read their number of threads when loaded, before Hydra would set it.
+        for name, value in config.hydra.job.env_set.items():
+            os.environ.setdefault(name, value)
 
 
 @hydra.main(config_path="pkg://zoac.conf", config_name="run", version_base="1.3")
 def _job(config: DictConfig) -> None:
     """One run, or one job of a sweep."""
     job = HydraConfig.get()
-    overrides = list(job.overrides.task)
-    try:
-        plain = resolved(config)
-        plain["variant"] = variant_of(plain, overrides)
-        choices = job.runtime.choices
-        # Imported here: --help and config errors must not wait for torch.
-        from zoac.session import run_session
+    if job.mode is not RunMode.MULTIRUN:
+        try:
+            _run(config)
+        except ZoacError as error:
+            # Not handed to Hydra, which would print more than the message.
+            sys.exit(f"error: {error}")
+        return
+    with sweep.noted(Path(job.sweep.dir), job.job.num, job.overrides.task) as again:
+        _run(config, again)
 
-        run_session(plain, task=choices["task"], tuner=choices["tuner"], command=sys.argv)
-    except ZoacError as error:
-        if job.mode is RunMode.MULTIRUN:
-            print(f"error in {' '.join(overrides)}: {error}", file=sys.stderr)
-        _failures.append((" ".join(overrides), str(error)))
+
+def _run(config: DictConfig, again: bool = False) -> None:
+    """Tune; `again`: go on with what an earlier start of the same job began."""
+    job = HydraConfig.get()
+    plain = resolved(config)
+    plain["variant"] = variant_of(plain, list(job.overrides.task))
+    if again:
+        plain["resume"] = "auto"
+    # Imported here: --help and config errors must not wait for torch.
+    from zoac.session import run_session
+
+    choices = job.runtime.choices
+    run_session(plain, task=choices["task"], tuner=choices["tuner"], command=sys.argv)
 
 
 def multirun_first(arguments: Sequence[str]) -> list[str]:
@@ -59,9 +88,11 @@ def main() -> None:
     sys.argv = [sys.argv[0], *arguments]
     # Hydra then hands its exceptions on instead of printing them, and we say it in one message.
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")
+    os.environ.pop(_SWEEP, None)
     know_own_conf()
     if os.getcwd() not in sys.path:  # `zoac` instead of `python -m zoac.run`: a user's modules
         sys.path.insert(0, os.getcwd())
+    gave_up = ""
     try:
         _job()
     except (HydraException, OmegaConfBaseException) as error:
@@ -69,11 +100,16 @@ def main() -> None:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
-    if _failures and "-m" not in arguments[:1] and "--multirun" not in arguments[:1]:
-        sys.exit(f"error: {_failures[0][1]}")
-    if _failures:
-        reasons = "\n".join(f"  {overrides}: {reason}" for overrides, reason in _failures)
-        sys.exit(f"{len(_failures)} job(s) of the sweep failed:\n{reasons}")
+    except Exception as error:
+        if _SWEEP not in os.environ:
+            raise
+        # Jobs do not raise: it is the launcher, whose job has died.
+        gave_up = f"\nthe launcher gave up: {type(error).__name__}: {error}"
+    if _SWEEP in os.environ:
+        told, all_done = sweep.report(Path(os.environ[_SWEEP]))
+        if gave_up or not all_done:
+            sys.exit(f"{told}{gave_up}\nThe same command again does only what is not done.")
+        print(told)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,58 @@
+"""Sweeps as a user types them."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SMALL = [
+    "task=pid_acc", "tuner=random", "budget=400", "eval_every=400", "evaluation.episodes=2",
+    "evaluation.final_episodes=3", "task.max_episode_steps=50", "variant=small",
+]  # fmt: skip
+CLOCKS = ("wall_seconds", "compute_seconds", "solver_seconds", "tuner_seconds",
+          "evaluation_seconds", "checkpoint_seconds")  # fmt: skip
+
+
+def start(*arguments, cwd):
+    """Start a command line without waiting."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "zoac.run", *arguments], cwd=cwd, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd)},
+    )  # fmt: skip
+
+
+def finish(process):
+    """Return exit code, standard output and standard error."""
+    out, err = process.communicate(timeout=300)
+    return process.returncode, out, err
+
+
+def sweep(*arguments, cwd):
+    """Run a sweep to its end; return exit code, standard output and standard error."""
+    return finish(start("-m", *arguments, cwd=cwd))
+
+
+def results(runs):
+    """Return every `result.json` below a folder without its clocks, by place."""
+    return {
+        str(path.parent.relative_to(runs)): {
+            key: value for key, value in json.loads(path.read_text()).items() if key not in CLOCKS
+        }
+        for path in sorted(Path(runs).rglob("result.json"))
+    }
+
+
+def running_note(runs, job):
+    """Wait until a job says that it runs and has logged something; return its note."""
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        for path in Path(runs).glob(".sweeps/*/[0-9]*.json"):
+            note = json.loads(path.read_text())
+            logged = [p for p in Path(runs).rglob("metrics.jsonl") if p.stat().st_size > 0]
+            if job in note["job"] and note["state"] == "running" and logged:
+                return note
+        time.sleep(0.01)
+    raise AssertionError(f"no job {job} has begun")

@@ -1,0 +1,71 @@
+"""Notes of jobs, and what the end of a sweep makes of them."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from zoac.config import compose_config, explain, variant_of
+from zoac.errors import ConfigError
+from zoac.sweep import noted, report
+
+
+def test_a_failure_is_noted_and_goes_no_further(tmp_path, capsys):
+    with noted(tmp_path, 0, ["seed=0"]):
+        pass
+    with noted(tmp_path, 1, ["seed=1"]):
+        raise ConfigError("lanes=0: no lanes")
+    with noted(tmp_path, 2, ["seed=2"]):
+        raise ZeroDivisionError("somewhere")
+    told, all_done = report(tmp_path)
+    assert told == (
+        "1 job(s) of the sweep done\n2 job(s) of the sweep failed:\n"
+        "  seed=1: lanes=0: no lanes\n  seed=2: ZeroDivisionError: somewhere"
+    )
+    assert not all_done
+    # Somebody's bug: the place of it is worth having, where the job ran and later.
+    assert "test_sweep_report.py" in capsys.readouterr().err
+    assert "test_sweep_report.py" in json.loads((tmp_path / "2.json").read_text())["traceback"]
+
+
+def test_a_signal_is_noted_and_goes_on(tmp_path):
+    with pytest.raises(KeyboardInterrupt), noted(tmp_path, 0, ["seed=0"]):
+        raise KeyboardInterrupt
+    assert report(tmp_path)[0].endswith("1 job(s) of the sweep stopped:\n  seed=0")
+
+
+def test_a_job_knows_that_it_has_begun_before(tmp_path):
+    with noted(tmp_path, 0, ["seed=0"]) as again:
+        assert not again
+    with noted(tmp_path, 1, ["seed=1"]) as again:
+        assert not again
+    with noted(tmp_path, 0, ["seed=0"]) as again:
+        assert again
+
+
+def test_a_dead_process_is_told_from_one_that_still_runs(tmp_path):
+    with noted(tmp_path, 0, ["seed=0"]):
+        told, all_done = report(tmp_path)
+    assert "1 job(s) of the sweep not at their end: still running, or dead:\n  seed=0 (" in told
+    assert not all_done
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    note = json.loads((tmp_path / "0.json").read_text())
+    (tmp_path / "0.json").write_text(json.dumps({**note, "state": "running", "pid": gone.pid}))
+    assert "1 job(s) of the sweep died without a word" in report(tmp_path)[0]
+
+
+def test_the_launcher_makes_no_variant():
+    config = {"variant": None}
+    assert variant_of(config, ["launcher=joblib", "seed=1", "tuner.sigma=0.2"]) == "tuner.sigma=0.2"
+
+
+def test_a_launcher_that_is_not_installed_is_named_with_its_extra():
+    error = Exception("Could not find 'hydra/launcher/ray'")
+    assert explain(error, ["launcher=ray"]).endswith("pip install 'zoac[ray-launcher]'")
+
+
+def test_an_unknown_launcher_gets_the_nearest():
+    with pytest.raises(ConfigError, match="did you mean 'joblib'"):
+        compose_config(["launcher=jobli"])
