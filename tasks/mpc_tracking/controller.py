@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from numba import njit
 
 from zoac.errors import ControllerError
 from zoac.mpc.policy import MpcOptions, Objective, SequentialQp
@@ -79,9 +80,9 @@ class TrackingMpc:
         stage = [SPACE.names.index(name) for name in _STAGE]
         stage.insert(STATES.index("u"), SPACE.dimension)  # the fixed weight, after the last
         terminal = [SPACE.names.index(name) for name in TERMINAL_READ[weights]]
-        self._state_columns = np.array([stage] * (horizon - 1) + [terminal])
-        self._input_columns = np.array([[SPACE.names.index(name) for name in _INPUT]] * horizon)
-        self._discounts = DISCOUNT ** np.arange(horizon + 1)[:, None]
+        inputs = [SPACE.names.index(name) for name in _INPUT]
+        self._columns = (np.array(stage), np.array(terminal), np.array(inputs))
+        self._discounts = DISCOUNT ** np.arange(horizon + 1)
 
     def init(self, n: int) -> Memory:
         """Return {} or, with `linearise_about: shifted_plan`, {"plan": (n, N_p, 2)}."""
@@ -133,11 +134,42 @@ class TrackingMpc:
 
     def _objective(self, values: np.ndarray, obs: np.ndarray) -> Objective:
         n, horizon = len(obs), self._options.horizon
-        reference = np.zeros((n, horizon, 6))
-        reference[:, :, :3] = obs[:, 6:].reshape(n, horizon, 3)
-        reference[:, :, 3] = SPEED
-        return Objective(
-            reference=reference,
-            state_weights=np.take(values, self._state_columns, axis=1) * self._discounts[1:],
-            input_weights=np.take(values, self._input_columns, axis=1) * self._discounts[:-1],
+        objective = Objective(
+            reference=np.zeros((n, horizon, 6)),
+            state_weights=np.empty((n, horizon, 6)),
+            input_weights=np.empty((n, horizon, 2)),
         )
+        _write_objective(
+            obs,
+            values,
+            self._columns,
+            self._discounts,
+            objective.reference,
+            objective.state_weights,
+            objective.input_weights,
+        )
+        return objective
+
+
+@njit(cache=True)
+def _write_objective(
+    obs: np.ndarray,
+    values: np.ndarray,
+    columns: tuple[np.ndarray, np.ndarray, np.ndarray],
+    discounts: np.ndarray,
+    reference: np.ndarray,
+    state_weights: np.ndarray,
+    input_weights: np.ndarray,
+) -> None:
+    stage, terminal, inputs = columns
+    n, horizon, _ = reference.shape
+    for lane in range(n):
+        for k in range(horizon):
+            for i in range(3):
+                reference[lane, k, i] = obs[lane, 6 + 3 * k + i]
+            reference[lane, k, 3] = SPEED
+            weights = stage if k < horizon - 1 else terminal
+            for i in range(6):
+                state_weights[lane, k, i] = values[lane, weights[i]] * discounts[k + 1]
+            for i in range(2):
+                input_weights[lane, k, i] = values[lane, inputs[i]] * discounts[k]

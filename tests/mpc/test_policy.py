@@ -43,6 +43,8 @@ class Scripted:
     A lane's mark is its start angle, so that lanes are told apart in any batch.
     """
 
+    screens = False
+
     def __init__(self, status: Callable[[int, float, bool], Status]) -> None:
         self._status = status
         self.calls: list[tuple[LinearisedProblem, bool]] = []

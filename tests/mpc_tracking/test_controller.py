@@ -21,6 +21,8 @@ SOLVER = ClarabelSolver()
 class Recorder:
     """Keeps a copy of the last problem; answers zero input."""
 
+    screens = False
+
     def solve(self, problem: LinearisedProblem, careful: bool = False) -> Solution:
         names = ("a", "b", "states", "reference", "state_weights", "input_weights")
         self.problem = {name: getattr(problem, name).copy() for name in names}

@@ -201,15 +201,15 @@ class SequentialQp:
 class _Attempt:
     """One solve of n problems; what failed is solved once more, carefully.
 
-    Non-finite problems never reach the solver.
+    Problems that are not finite never reach a solver that does not screen them itself.
     """
 
     def __init__(self, solver: Solver, problem: LinearisedProblem) -> None:
         self._solver = solver
         self._problem = problem
         self.seconds = 0.0
-        finite = _finite(problem)
-        if finite.all():
+        finite = None if solver.screens else _finite(problem)
+        if finite is None or finite.all():
             answer = self._timed(problem)
             self.inputs, self.status = answer.inputs, answer.status
         else:
@@ -217,13 +217,15 @@ class _Attempt:
             self.status = np.full(len(finite), _NOT_FINITE, dtype=np.int8)
             self._solve_some(finite, careful=False)
         self.solved = self.status == _SOLVED
-        self.retried = finite & ~self.solved
+        self.retried = ~self.solved
         if self.solved.all():
             return
+        self.retried &= self.status != _NOT_FINITE
         self._solve_some(self.retried, careful=True)
         self.solved = self.status == _SOLVED
         for lane in np.flatnonzero(~self.solved):
-            _log.info("row %d of %d: %s", lane, len(finite), Status(self.status[lane]).sentence)
+            sentence = Status(self.status[lane]).sentence
+            _log.info("row %d of %d: %s", lane, len(self.solved), sentence)
 
     def _solve_some(self, mask: np.ndarray, careful: bool) -> None:
         if mask.any():

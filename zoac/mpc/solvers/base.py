@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -102,7 +102,14 @@ class Solution:
 
 
 class Solver(Protocol):
-    """A pure function of the problem: the same bits for the same problem, whatever came before."""
+    """A pure function of the problem: the same bits for the same problem, whatever came before.
+
+    Attributes:
+        screens: It looks for problems that are not finite itself and gives them the status
+            NOT_FINITE; otherwise it is never shown one.
+    """
+
+    screens: ClassVar[bool]
 
     def solve(self, problem: LinearisedProblem, careful: bool = False) -> Solution:
         """Solve the n problems.

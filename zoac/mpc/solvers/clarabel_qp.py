@@ -41,6 +41,8 @@ class ClarabelSolver:
         max_iterations: Limit on interior-point iterations.
     """
 
+    screens = False
+
     def __init__(
         self,
         tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-10,

@@ -22,6 +22,8 @@ class Riccati:
     and inputs compiles for some seconds; the result is kept on disk.
     """
 
+    screens = True
+
     def __init__(
         self,
         sweeps: Annotated[int, Field(ge=1)] = 6,
