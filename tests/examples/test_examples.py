@@ -1,0 +1,23 @@
+"""Every script in examples/ runs, at a tiny budget."""
+
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+import zoac
+
+FOLDER = Path(__file__).parents[2] / "examples"
+MORE = {"pendulum_pd": ["--episodes", "2"], "memory_controller": ["--out", "gains.h"]}
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.py")), ids=lambda path: path.stem)
+def test_it_runs_and_prints_what_it_found(path, monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [path.name, "--budget", "500", *MORE.get(path.stem, [])])
+    quick = {"episodes": 1, "final_episodes": 2, "eval_every": 500, "lanes": 2}
+    tune = zoac.tune
+    monkeypatch.setattr(zoac, "tune", lambda **options: tune(**{**quick, **options}))
+    runpy.run_path(str(path), run_name="__main__")
+    assert capsys.readouterr().out.strip()
