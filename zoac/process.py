@@ -1,4 +1,4 @@
-"""`executor=process`: lanes spread over worker processes of this machine."""
+"""Lanes spread over workers; `executor=process`: the workers are processes of this machine."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import os
 import subprocess
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,41 +22,69 @@ from zoac.worker import receive, send
 
 
 class WorkerError(ZoacError):
-    """A worker process died again and again on the same work."""
+    """A worker died again and again on the same work."""
 
 
-class Process(Executor):
-    """Groups of neighbouring lanes, each in a process of its own.
+class Handle(ABC):
+    """This side of one worker. A worker that dies is replaced and its request begun anew.
+
+    Args:
+        lanes: Ids of the worker's tuning lanes.
+    """
+
+    def __init__(self, lanes: list[int]) -> None:
+        self.lanes = lanes
+        # Where the lanes stood after their last request; None: at their very beginning.
+        self.lane_states: dict[int, Any] | None = None
+
+    @abstractmethod
+    def begin(self, method: str, *arguments: Any) -> None:
+        """Send a request to a method of `zoac.worker.Worker`, without waiting."""
+
+    @abstractmethod
+    def finish(self) -> Any:
+        """Return the result of the request.
+
+        Raises:
+            WorkerError: If workers die of it again and again.
+        """
+
+    @property
+    @abstractmethod
+    def processor_seconds(self) -> float:
+        """Processor seconds of this worker and those it replaced, as far as they reported."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End the worker."""
+
+    def call(self, method: str, *arguments: Any) -> Any:
+        """Send a request and return its result."""
+        self.begin(method, *arguments)
+        return self.finish()
+
+
+class Spread(Executor):
+    """Groups of neighbouring lanes, each at a worker of its own.
 
     A worker that dies is replaced, put back to where its lanes stood, and its work redone.
     """
 
-    def __init__(
-        self,
-        *,
-        workers: Annotated[int, Field(ge=1)] | None = None,
-        attempts: Annotated[int, Field(ge=1)] = 3,
-    ) -> None:
-        """
-        Args:
-            workers: Number of processes; None: one a processor core.
-            attempts: How often the same work may be begun before the run is given up.
-        """
-        self._count = workers or os.cpu_count() or 1
-        self._attempts = attempts
-        self._workers: list[_Handle] = []
+    _workers: Sequence[Handle] = ()
 
-    def start(self, task: Task, lanes: int, seed: int) -> None:
-        """See `Executor.start`."""
-        parts = np.array_split(np.arange(lanes), min(self._count, lanes))
-        self._workers = [
-            _Handle(task, [int(lane) for lane in part], seed, self._attempts) for part in parts
-        ]
+    @abstractmethod
+    def _launch(self, task: Task, groups: list[list[int]], seed: int) -> Sequence[Handle]:
+        """Return a worker for each group of lanes."""
+
+    def _spread(self, task: Task, lanes: int, seed: int, workers: int) -> None:
+        """Start workers, one for each group of lanes."""
+        parts = np.array_split(np.arange(lanes), min(workers, lanes))
+        self._workers = self._launch(task, [[int(lane) for lane in p] for p in parts], seed)
         self._worker_of = {lane: w for w in self._workers for lane in w.lanes}
 
     def rollout(self, proposals: Sequence[Proposal]) -> list[Segment]:
         """See `Executor.rollout`."""
-        shares: dict[_Handle, list[int]] = {w: [] for w in self._workers}
+        shares: dict[Handle, list[int]] = {w: [] for w in self._workers}
         for index, proposal in enumerate(proposals):
             shares[self._worker_of[proposal.lane]].append(index)
         requests = {w: [proposals[i] for i in share] for w, share in shares.items() if share}
@@ -108,29 +137,49 @@ def _in_lane(proposal: Proposal, lane: int) -> Proposal:
     return Proposal(proposal.z, lane, proposal.horizon, proposal.branch, proposal.seed)
 
 
-class _Handle:
+class Process(Spread):
+    """Groups of neighbouring lanes, each in a process of its own."""
+
+    def __init__(
+        self,
+        *,
+        workers: Annotated[int, Field(ge=1)] | None = None,
+        attempts: Annotated[int, Field(ge=1)] = 3,
+    ) -> None:
+        """
+        Args:
+            workers: Number of processes; None: one a processor core.
+            attempts: How often the same work may be begun before the run is given up.
+        """
+        self._count = workers or os.cpu_count() or 1
+        self._attempts = attempts
+
+    def start(self, task: Task, lanes: int, seed: int) -> None:
+        """See `Executor.start`."""
+        self._spread(task, lanes, seed, self._count)
+
+    def _launch(self, task: Task, groups: list[list[int]], seed: int) -> Sequence[Handle]:
+        return [_ProcessHandle(task, group, seed, self._attempts) for group in groups]
+
+
+class _ProcessHandle(Handle):
     """This side of one worker process."""
 
     def __init__(self, task: Task, lanes: list[int], seed: int, attempts: int) -> None:
-        self.lanes = lanes
-        self.lane_states: dict[int, Any] | None = None
+        super().__init__(lanes)
         self._task, self._seed, self._attempts = task, seed, attempts
         self._earlier_seconds = self._seconds = 0.0
         self._request: tuple[str, tuple[Any, ...]] = ("state", ())
-        self._launch()
+        self._start_process()
 
     def begin(self, method: str, *arguments: Any) -> None:
-        """Send a request, without waiting."""
+        """See `Handle.begin`."""
         self._request = (method, arguments)
         with contextlib.suppress(OSError):  # it has died: `finish` notices and sends again
             send(self._input, self._request)
 
     def finish(self) -> Any:
-        """Return the result of the request; begin it anew if the worker has died of it.
-
-        Raises:
-            WorkerError: If workers die of it again and again.
-        """
+        """See `Handle.finish`."""
         for attempt in range(1, self._attempts + 1):
             try:
                 return self._reply()
@@ -138,7 +187,7 @@ class _Handle:
                 status = self._process.wait()
                 if attempt == self._attempts:
                     break
-                self._launch()
+                self._start_process()
                 self.begin(*_flat(self._request))
         raise WorkerError(
             f"the worker process of lanes {self.lanes[0]} to {self.lanes[-1]} died "
@@ -146,24 +195,19 @@ class _Handle:
             "try fewer executor.workers or fewer lanes"
         )
 
-    def call(self, method: str, *arguments: Any) -> Any:
-        """Send a request and return its result."""
-        self.begin(method, *arguments)
-        return self.finish()
-
     @property
     def processor_seconds(self) -> float:
-        """Processor seconds of this worker and those it replaced, as far as they reported."""
+        """See `Handle.processor_seconds`."""
         return self._earlier_seconds + self._seconds
 
     def close(self) -> None:
-        """End the process."""
+        """See `Handle.close`."""
         self._process.kill()
         self._process.wait()
         self._input.close()
         self._output.close()
 
-    def _launch(self) -> None:
+    def _start_process(self) -> None:
         self._earlier_seconds += self._seconds
         self._seconds = 0.0
         # Not a fork, which would copy locked threads; not multiprocessing's spawn, which would

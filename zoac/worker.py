@@ -50,13 +50,14 @@ def _exactly(stream: IO[bytes], length: int) -> bytes:
     return body
 
 
-class _Worker:
+class Worker:
     """Answers requests with one host's lanes."""
 
     def __init__(self) -> None:
         self._host: LaneHost | None = None
 
     def start(self, *arguments: Any) -> None:
+        """Make the lanes: arguments of `LaneHost`."""
         self._host = LaneHost(*arguments)
 
     def rollout(self, proposals: Any) -> Any:
@@ -65,19 +66,22 @@ class _Worker:
         return self._host.lanes.rollout(proposals), self._host.lanes.state()
 
     def evaluate(self, proposals: Any) -> Any:
+        """Return the segments of evaluation episodes."""
         assert self._host is not None
         return self._host.evaluate(proposals)
 
     def state(self) -> Any:
+        """Return the lanes' state."""
         assert self._host is not None
         return self._host.lanes.state()
 
     def restore(self, state: Any) -> None:
+        """Put the lanes back."""
         assert self._host is not None
         self._host.lanes.restore(state)
 
 
-def _answer(method: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, Any]:
+def answered(method: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, Any]:
     """Return (result, None), or (None, error) if the method raised."""
     try:
         return method(*arguments), None
@@ -96,13 +100,13 @@ def main() -> None:
     # What a user's environment prints must not get between the replies.
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     requests = sys.stdin.buffer
-    worker = _Worker()
+    worker = Worker()
     while True:
         try:
             method, arguments = receive(requests)
         except EOFError:
             return
-        result, error = _answer(getattr(worker, method), arguments)
+        result, error = answered(getattr(worker, method), arguments)
         send(replies, (result, error, time.process_time()))
 
 

@@ -76,7 +76,7 @@ def test_a_preempted_job_is_requeued_and_ends_on_the_same_bits(tmp_path):
     again = [*arguments, "launcher=submitit_local", "resume=overwrite"]
     process = start("-m", *again, cwd=tmp_path / "parts")
     os.kill(running_note(tmp_path / "parts" / "runs", "seed=0")["pid"], signal.SIGUSR2)
-    code, out, err = finish(process)
+    code, _, err = finish(process)
     assert code == 0, err
     logs = [p.read_text() for p in (tmp_path / "parts").rglob("*_log.out")]
     assert "Requeued job" in "".join(logs)
