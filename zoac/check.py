@@ -1,0 +1,313 @@
+"""Is a task fit to be tuned? `python -m zoac.check task=my_task [task.option=value ...]`
+
+One verdict a line; exit code 1 if any is bad. It works on a user's task from their own folder.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import deepcopy
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from zoac.environment import LaneEnv
+from zoac.errors import ZoacError
+from zoac.rollout import LaneGroup, Proposal, Segment
+from zoac.task import Memory, Task
+
+STEPS = 60
+"""Steps of an episode that are looked at."""
+
+DRAWS = 8
+"""Parameter sets that are tried."""
+
+SLOW = 0.1
+"""A step that takes longer [s] is too slow: 50,000 of them would take more than an hour."""
+
+
+class Verdict(NamedTuple):
+    """What one check found."""
+
+    name: str
+    good: bool
+    text: str
+
+    def __str__(self) -> str:
+        return f"{'ok  ' if self.good else 'FAIL'} {self.name}: {self.text}"
+
+
+def check(task: Task) -> Iterator[Verdict]:
+    """Yield one verdict for each check of `task`."""
+    for name, body in CHECKS.items():
+        try:
+            yield Verdict(name, *body(task))
+        except ZoacError as error:
+            yield Verdict(name, False, str(error))
+        except Exception as error:  # whatever a user's environment raises
+            yield Verdict(name, False, f"raised {type(error).__name__}: {error}")
+
+
+Found = tuple[bool, str]
+
+
+def round_trip(task: Task) -> Found:
+    """Parameters mapped to the box and back are the same."""
+    space = task.space
+    z = _draws(task, 200)
+    values = space.values(z)
+    scale = np.abs(values).max(axis=0) + 1e-300
+    back = space.values(np.stack([space.unit(space.named(row)) for row in z]))
+    error = np.abs(back - values) / scale
+    worst = int(error.max(axis=0).argmax())
+    if error.max() > 1e-9:
+        return False, f"{space.names[worst]!r} comes back {error.max():.1e} away"
+    text = f"{len(space.names)} parameters, {space.dimension} coordinates"
+    if task.nominal is None:
+        return True, text
+    space.unit(task.nominal)  # says which lies outside
+    return True, f"{text}, start values inside"
+
+
+def shapes(task: Task) -> Found:
+    """Observations, actions and costs have the promised shapes and are finite."""
+    env = task.make_env(1)
+    observations, _ = env.reset(seed=[0])
+    expected = (1, *(env.single_observation_space.shape or ()))
+    actions = env.single_action_space.shape
+    env.close()
+    if observations.shape != expected:
+        return False, f"observations are {observations.shape}, the space says {expected}"
+    for segment in _segments(task):  # the engine refuses actions that cannot be used
+        for what, array in (("observation", segment.observations), ("cost", segment.costs)):
+            bad = np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))
+            if bad.size:
+                at = _told(task.space.named(segment.proposal.z))
+                return False, f"the {what} of step {bad[0]} is not finite, parameters: {at}"
+    return True, f"observations {expected[1:]}, actions {actions}, all finite"
+
+
+def episodes_end(task: Task) -> Found:
+    """There is a time limit."""
+    env = task.make_env(1)
+    limit = env.max_episode_steps
+    env.close()
+    if limit >= np.iinfo(np.int64).max:
+        return False, "nothing ends an episode for certain; give max_episode_steps"
+    return True, f"after {limit} steps at the latest"
+
+
+def determinism(task: Task) -> Found:
+    """The same seed and actions give the same episode."""
+    actions = _segments(task)[0].actions
+    one, other = (_played(task.make_env(1), actions, [11]) for _ in range(2))
+    if (step := _first_difference(one, other)) is not None:
+        return False, (
+            f"two environments with the same seed differ at step {step}; draw random numbers from "
+            "self.np_random after super().reset(seed=seed), nowhere else"
+        )
+    env = task.make_env(1)
+    _played(env, actions, [12], close=False)
+    if (step := _first_difference(one, _played(env, actions, [11]))) is not None:
+        return False, f"an earlier episode shows at step {step} of the next; reset all in reset"
+    return True, "the same seed gives the same episode, also after another one"
+
+
+def lane_state(task: Task) -> Found:
+    """A lane that is saved and put back goes on as it would have."""
+    z = _draws(task, 2)
+    group = LaneGroup(task, [0], [5])
+    try:
+        half = min(STEPS, 20)
+        group.rollout([Proposal(z[0], 0, horizon=5)])
+        aside = Proposal(z[1], 0, horizon=half, branch=True)
+        first, second = group.rollout([aside, Proposal(z[1], 0, horizon=half)])
+    finally:
+        group.close()
+    one = np.column_stack([first.costs, first.actions])
+    other = np.column_stack([second.costs, second.actions])
+    if not np.array_equal(one, other):
+        return False, "put back to where it stood, it went on otherwise: deepcopy misses a part"
+    return True, "goes on to the same bits"
+
+
+def hidden_state(task: Task) -> Found:
+    """The controller is a function of parameters, observation and memory alone."""
+    segments = _segments(task)
+    controller = task.make_controller()
+    parameters = {name: v[None] for name, v in zip(*_named(task, segments[0]), strict=True)}
+    memory = controller.init(1)
+    for observation in segments[0].observations[:-1]:
+        given = observation[None].copy(), _deep(memory)
+        first, following, _ = controller.act(parameters, *given)
+        if not np.array_equal(given[0][0], observation):
+            return False, "it changes the observation that it is given; copy it first"
+        second, _, _ = controller.act(parameters, observation[None].copy(), _deep(memory))
+        if not np.array_equal(first, second):
+            return False, (
+                "asked twice it answers twice: something outside its memory lasts. Make it an "
+                "object with act and reset that keeps state in its attributes"
+            )
+        memory = following
+    for segment in segments[:2]:
+        if not np.array_equal(_replayed(task, segment), segment.actions):
+            return False, "a new controller acts otherwise on the same observations"
+    return True, "nothing lasts but its memory"
+
+
+def dead_parameters(task: Task) -> Found:
+    """Every parameter changes the action somewhere."""
+    segments = _segments(task)
+    alive = {name: False for name in task.space.names}
+    others = task.space.values(_draws(task, DRAWS, first=DRAWS))
+    for segment, other in zip(segments, others, strict=True):
+        base = _replayed(task, segment)
+        for i, name in enumerate(task.space.names):
+            if not alive[name]:
+                changed = _replayed(task, segment, (i, float(other[i])))
+                alive[name] = not np.array_equal(base, changed)
+    dead = [name for name, lives in alive.items() if not lives]
+    if dead:
+        looked = f"in {DRAWS} episodes of {STEPS} steps"
+        return False, f"no effect on any action {looked}: {', '.join(dead)}"
+    return True, f"all {len(alive)} change the action"
+
+
+def time_per_step(task: Task) -> Found:
+    """A step is not too slow to tune on."""
+    group = LaneGroup(task, [0], [3])
+    steps, z = 0, _draws(task, 1)[0]
+    try:
+        group.rollout([Proposal(z, 0, horizon=1)])  # what is compiled or loaded at first
+        begun = time.perf_counter()
+        while time.perf_counter() - begun < 0.3:
+            (segment,) = group.rollout([Proposal(z, 0, horizon=5)])
+            steps += segment.length
+        seconds = (time.perf_counter() - begun) / steps
+    finally:
+        group.close()
+    text = f"{seconds * 1e3:.3g} ms; 50,000 steps in one lane take {_for_people(50_000 * seconds)}"
+    if seconds > SLOW:
+        return False, f"{text}; more than {SLOW * 1e3:g} ms a step is too slow to tune on"
+    return True, text
+
+
+CHECKS: dict[str, Callable[[Task], Found]] = {
+    "transform round trip": round_trip,
+    "shapes and bounds": shapes,
+    "episodes end": episodes_end,
+    "seeded determinism": determinism,
+    "saved and put back": lane_state,
+    "hidden state in the controller": hidden_state,
+    "dead parameters": dead_parameters,
+    "time per step": time_per_step,
+}
+
+
+def _draws(task: Task, n: int, first: int = 0) -> np.ndarray:
+    """Return n mapped parameter sets (n, d), always the same ones."""
+    return np.random.default_rng(first).uniform(-0.9, 0.9, (n, task.space.dimension))
+
+
+def _segments(task: Task) -> list[Segment]:
+    """Return the beginnings of episodes under different parameters."""
+    group = LaneGroup(task, range(DRAWS), list(range(100, 100 + DRAWS)))
+    try:
+        draws = enumerate(_draws(task, DRAWS))
+        return group.rollout([Proposal(z, lane, horizon=STEPS) for lane, z in draws])
+    finally:
+        group.close()
+
+
+def _named(task: Task, segment: Segment) -> tuple[tuple[str, ...], np.ndarray]:
+    return task.space.names, task.space.values(segment.proposal.z)
+
+
+def _replayed(task: Task, segment: Segment, change: tuple[int, float] | None = None) -> np.ndarray:
+    """Return the actions (T, m) of a fresh controller on the observations of a segment.
+
+    Args:
+        task: Gives the controller.
+        segment: Whose observations and parameters.
+        change: The index of a parameter and another value for it.
+    """
+    names, values = _named(task, segment)
+    if change is not None:
+        values = values.copy()
+        values[change[0]] = change[1]
+    parameters = {name: value[None] for name, value in zip(names, values, strict=True)}
+    controller = task.make_controller()
+    memory, actions = controller.init(1), []
+    for observation in segment.observations[:-1]:
+        action, memory, _ = controller.act(parameters, observation[None].copy(), memory)
+        actions.append(np.asarray(action, dtype=np.float64)[0])
+    return np.stack(actions)
+
+
+def _deep(memory: Memory) -> Memory:
+    return {name: deepcopy(rows) for name, rows in memory.items()}
+
+
+def _played(
+    env: LaneEnv, actions: np.ndarray, seeds: Sequence[int], close: bool = True
+) -> list[np.ndarray]:
+    """Return observation, cost and end of every step under given actions, step by step."""
+    observations, _ = env.reset(seed=list(seeds))
+    rows = [observations[0].copy()]
+    for action in actions:
+        observations, _, terminated, truncated, infos = env.step(action[None])
+        ended = terminated[0] or truncated[0]
+        rows.append(np.concatenate([observations[0], infos["cost"], [ended]]))
+        if ended:
+            break
+    if close:
+        env.close()
+    return rows
+
+
+def _first_difference(one: list[np.ndarray], other: list[np.ndarray]) -> int | None:
+    for step, (a, b) in enumerate(zip(one, other, strict=False)):
+        if not np.array_equal(a, b, equal_nan=True):
+            return step
+    return None if len(one) == len(other) else min(len(one), len(other))
+
+
+def _told(parameters: Mapping[str, Any]) -> str:
+    return ", ".join(
+        f"{name}={value:.4g}" if isinstance(value, float) else f"{name}={value}"
+        for name, value in parameters.items()
+    )
+
+
+def _for_people(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Check the task that the overrides name; return the exit code."""
+    from zoac.build import build_task
+    from zoac.config import compose_config, resolved
+
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if not arguments or arguments[0] in ("-h", "--help"):
+        print(__doc__.strip())
+        return 0 if arguments else 1
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    try:
+        task = build_task(resolved(compose_config(arguments)))
+    except ZoacError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    good = True
+    for verdict in check(task):
+        print(verdict, flush=True)
+        good &= verdict.good
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
