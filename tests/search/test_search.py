@@ -1,0 +1,204 @@
+"""The search for a tuner's options."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from zoac.errors import ConfigError, ControllerError
+
+optuna = pytest.importorskip("optuna", reason="pip install 'zoac[search]'")
+
+from zoac.search import Search, distributions, split  # noqa: E402
+
+ROOT = Path(__file__).parents[2]
+OPTIONS = {
+    "ranges": {"tuner": {"sigma": {"low": 0.02, "high": 0.4, "log": True},
+                         "segments": {"low": 1, "high": 10}}},
+    "trials": 12, "seeds": [5, 6], "evaluation_seed": 7, "startup": 3, "prune": False, "seed": 0,
+    "name": None, "storage": None,
+}  # fmt: skip
+RUNS = ["task=pid_acc", "tuner=zoac", "lanes=2"]
+
+
+class Cheap(Search):
+    """A search whose runs cost a known function of the options, and of the seed."""
+
+    def _cost(self, trial, seed):
+        return abs(trial.params["tuner.sigma"] - 0.3) + trial.params["tuner.segments"] + seed
+
+
+def cheap(folder, **changes):
+    return Cheap(changes.pop("runs", RUNS), folder=str(folder), **{**OPTIONS, **changes})
+
+
+def seen(search):
+    return [(t.number, t.params, t.value) for t in search._study.get_trials()]
+
+
+def test_a_trial_is_the_mean_over_seeds_and_the_first_one_today_s_options(tmp_path):
+    search = cheap(tmp_path, trials=1)
+    search.run()
+    today = {"tuner.sigma": 0.08, "tuner.segments": 4}
+    assert seen(search) == [(0, today, pytest.approx(0.22 + 4 + 5.5))]
+
+
+def test_a_search_in_parts_asks_the_same_as_one_in_one_go(tmp_path):
+    whole = cheap(tmp_path / "whole")
+    whole.run()
+    for trials in (2, 5, 12):
+        part = cheap(tmp_path / "parts", trials=trials)
+        part.run()
+        assert len(seen(part)) == trials
+    assert seen(part) == seen(whole)
+
+
+def test_an_unfinished_trial_is_taken_up_unless_its_process_is_at_it(tmp_path):
+    search, other = cheap(tmp_path, trials=2), cheap(tmp_path, trials=2)
+    with ExitStack() as mine, ExitStack() as theirs:
+        first = search._take(mine)
+        assert other._take(theirs).number == 1
+        assert other._take(theirs) is None
+        mine.close()  # as when its process dies
+        taken_up = other._take(theirs)
+        assert (taken_up.number, taken_up.params) == (first.number, first.params)
+
+
+def test_a_trial_that_begins_badly_is_dropped(tmp_path):
+    class Late(Cheap):
+        seeds_run = 0
+
+        def _cost(self, trial, seed):
+            self.seeds_run += 1
+            return float(trial.number)  # each worse than all before it
+
+    search = Late(RUNS, folder=str(tmp_path), **{**OPTIONS, "prune": True, "trials": 7})
+    search.run()
+    states = [t.state.name for t in search._study.get_trials()]
+    assert states == ["COMPLETE"] * 5 + ["PRUNED"] * 2
+    assert search.seeds_run == 5 * 2 + 2
+
+
+def test_a_trial_that_cannot_run_counts_as_failed_and_is_not_taken_up(tmp_path):
+    class Broken(Cheap):
+        def _cost(self, trial, seed):
+            raise ControllerError("no")
+
+    with pytest.raises(ControllerError):
+        Broken(RUNS, folder=str(tmp_path), **OPTIONS).run()
+    again = cheap(tmp_path, trials=3)
+    again.run()
+    assert [t.state.name for t in again._study.get_trials()] == ["FAIL", "COMPLETE", "COMPLETE"]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"runs": [*RUNS, "budget=7"]},
+        {"seeds": [5, 6, 7]},
+        {"evaluation_seed": 8},
+        {"ranges": {"tuner": {"sigma": {"low": 0.01, "high": 0.4}}}},
+    ],
+)
+def test_a_study_of_another_configuration_is_refused(tmp_path, changes):
+    cheap(tmp_path)
+    with pytest.raises(ConfigError, match="holds a search of another configuration"):
+        cheap(tmp_path, **changes)
+
+
+def test_the_best_trial_is_written_as_overrides(tmp_path, capsys):
+    search = cheap(tmp_path)
+    search.run()
+    search.conclude()
+    best = json.loads((tmp_path / "pid_acc-zoac" / "best.json").read_text())
+    assert best["cost_mean"] == min(value for _, _, value in seen(search))
+    assert best["cost_mean"] < best["first_cost_mean"]
+    assert f"tuner.sigma={best['options']['tuner.sigma']}" in capsys.readouterr().out
+
+
+def test_ranges():
+    found = distributions({"tuner": {"n": {"low": 1, "high": 8, "log": True},
+                                     "x": {"low": 0.5, "high": 2},
+                                     "deep": {"kind": ["a", None]}}})  # fmt: skip
+    assert found == {
+        "tuner.n": optuna.distributions.IntDistribution(1, 8, log=True),
+        "tuner.x": optuna.distributions.FloatDistribution(0.5, 2),
+        "tuner.deep.kind": optuna.distributions.CategoricalDistribution(["a", None]),
+    }
+
+
+@pytest.mark.parametrize(
+    ("ranges", "message"),
+    [
+        ({}, "nothing to search"),
+        ({"tuner": {"sigma": {"low": 0.1}}}, "tuner.sigma: low and high must be numbers"),
+        ({"tuner": {"sigma": {"low": 2, "high": 1}}}, "tuner.sigma: .*low"),
+        ({"tuner": {"sigma": {"low": 1, "high": 2, "logg": 1}}}, "did you mean 'log'"),
+        ({"tuner": {"sigma": 0.1}}, "expected low and high"),
+        ({"tuner": {"sgima": {"low": 1, "high": 2}}}, "did you mean 'sigma'"),
+    ],
+)
+def test_a_range_that_cannot_be_used_is_named(tmp_path, ranges, message):
+    with pytest.raises(ConfigError, match=message):
+        cheap(tmp_path, ranges=ranges)
+
+
+def test_the_search_is_called_like_the_tuner_unless_told():
+    assert split(["tuner=zoac_plus", "search.trials=3"]) == (
+        ["tuner=zoac_plus"], ["+search=zoac_plus", "search.trials=3"],
+    )  # fmt: skip
+    assert split(["tuner=zoac_plus", "search=zoac"])[1] == ["+search=zoac"]
+    with pytest.raises(ConfigError, match="seed is set for each run of a search"):
+        split(["seed=3"])
+
+
+COMMAND = [
+    "task=pid_acc", "tuner=es", "search=zoac", "~search.ranges.tuner", "search.seeds=[5,6]",
+    "+search.ranges.tuner.sigma.low=0.02", "+search.ranges.tuner.sigma.high=0.4",
+    "search.trials=2", "eval_every=10000000", "evaluation.episodes=1", "checkpoint_seconds=0",
+    "evaluation.final_episodes=2", "task.max_episode_steps=50", "lanes=2",
+]  # fmt: skip
+
+
+def start(*arguments, cwd):
+    return subprocess.Popen(
+        [sys.executable, "-m", "zoac.search", *COMMAND, *arguments], cwd=cwd, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd)},
+    )  # fmt: skip
+
+
+def outcome(folder):
+    where = optuna.storages.journal.JournalFileBackend(
+        str(folder / "searches" / "pid_acc-es" / "study.journal")
+    )
+    study = optuna.load_study(
+        study_name="pid_acc-es", storage=optuna.storages.JournalStorage(where)
+    )
+    return [(t.number, t.params, t.value) for t in study.get_trials()]
+
+
+def test_a_killed_process_loses_nothing_and_two_share_a_study(tmp_path):
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    whole.mkdir()
+    parts.mkdir()
+    untouched = start("budget=8000", cwd=whole)
+    victim = start("budget=8000", cwd=parts)
+    while not list(parts.rglob("current.ckpt")) and victim.poll() is None:
+        time.sleep(0.01)
+    os.kill(victim.pid, signal.SIGKILL)
+    victim.communicate()
+    assert not list(parts.rglob("result.json"))
+    both = [start("budget=8000", cwd=parts) for _ in range(2)]
+    for process in (untouched, *both):
+        _, errors = process.communicate(timeout=300)
+        assert process.returncode == 0, errors
+    assert [number for number, _, _ in outcome(parts)] == [0, 1]
+    assert outcome(parts)[0] == outcome(whole)[0]
+    assert all(value is not None for _, _, value in outcome(parts))

@@ -1,0 +1,357 @@
+"""Search for a tuner's own options, such as ZOAC's sigma, N, H and step size, on Optuna.
+
+python -m zoac.search task=pid_acc tuner=zoac budget=100000 search.trials=40
+
+A trial is a few runs, one a seed; its value is their mean final cost. Give the same command in
+several processes, on one machine or many that share the folder: they work on one study. A process
+that is killed loses nothing: whoever comes next takes up its trial where its checkpoint stood.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, suppress
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from omegaconf import OmegaConf
+from pydantic import Field
+
+from zoac.checks import check_arguments
+from zoac.config import compose_config, resolved
+from zoac.errors import ConfigError, ZoacError, suggest
+from zoac.locks import HeldError, locked
+from zoac.records import config_hash, write_json
+from zoac.seeding import stream_seed
+
+Count = Annotated[int, Field(ge=1)]
+
+
+class Search:
+    """One process's part in a study."""
+
+    def __init__(
+        self,
+        overrides: Sequence[str],
+        *,
+        ranges: Mapping[str, Any],
+        trials: Count,
+        seeds: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)],
+        evaluation_seed: Annotated[int, Field(ge=0)],
+        startup: Count,
+        prune: bool,
+        seed: Annotated[int, Field(ge=0)],
+        folder: str,
+        name: str | None,
+        storage: str | None,
+    ) -> None:
+        """
+        Args:
+            overrides: Of every run, as on the command line.
+            ranges: What is searched, nested like the configuration; see `distributions`.
+            trials: Of the whole study, whoever runs them.
+            seeds: Of a trial's runs.
+            evaluation_seed: Of the episodes that judge them.
+            startup: Random trials before the first model.
+            prune: Drop a trial whose first seeds are worse than the median trial's.
+            seed: Of the sampler.
+            folder: Where studies lie.
+            name: Of the study; None: `<task>-<tuner>`.
+            storage: Optuna's URL; None: a journal file in the study's folder.
+
+        Raises:
+            ConfigError: If the ranges cannot be used, or the study is of another configuration.
+        """
+        self._overrides = list(overrides)
+        self._trials, self._seeds = trials, seeds
+        self._evaluation_seed, self._startup, self._seed = evaluation_seed, startup, seed
+        config = compose_config(overrides)
+        choices = config.hydra.runtime.choices
+        self._task, self._tuner = choices["task"], choices["tuner"]
+        plain = resolved(config)
+        self._box = distributions(ranges)
+        defaults = {key: _value(plain, key) for key in self._box}
+        self._name = name or f"{self._task}-{self._tuner}"
+        self._folder = Path(folder) / self._name
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._study = self._open(storage, prune)
+        self._begin(plain, defaults)
+
+    def _open(self, storage: str | None, prune: bool) -> Any:
+        optuna = _optuna()
+        where: Any = storage
+        if storage is None:
+            from optuna.storages.journal import JournalFileBackend
+
+            where = optuna.storages.JournalStorage(
+                JournalFileBackend(str(self._folder / "study.journal"))
+            )
+        try:
+            return optuna.create_study(
+                study_name=self._name,
+                storage=where,
+                load_if_exists=True,
+                pruner=optuna.pruners.MedianPruner(n_startup_trials=5)
+                if prune
+                else optuna.pruners.NopPruner(),
+            )
+        except (ImportError, OSError, ValueError) as error:
+            raise ConfigError(f"search.storage={storage!r}: {error}") from error
+
+    def _begin(self, plain: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
+        """Mark a fresh study as one of this configuration and begin it at the defaults."""
+        about = {
+            "config_hash": config_hash({**plain, "seed": self._seeds}),
+            "ranges": {key: str(value) for key, value in self._box.items()},
+            "evaluation_seed": self._evaluation_seed,
+        }
+        with locked(self._folder / ".asking", wait=True):
+            earlier = self._study.user_attrs.get("about")
+            if earlier is None:
+                self._study.set_user_attr("about", about)
+                if all(self._box[key]._contains(value) for key, value in defaults.items()):
+                    self._study.enqueue_trial(dict(defaults))
+            elif earlier != about:
+                raise ConfigError(
+                    f"{self._folder} holds a search of another configuration, or of other ranges; "
+                    "use those, or another search.name"
+                )
+
+    def run(self) -> None:
+        """Work on trials until the study has enough of them.
+
+        Raises:
+            ZoacError: If a trial's configuration cannot be used; the trial counts as failed.
+            KeyboardInterrupt: If a signal stopped a run.
+        """
+        while True:
+            with ExitStack() as holding:
+                trial = self._take(holding)
+                if trial is None:
+                    return
+                self._carry_out(trial)
+
+    def _take(self, holding: ExitStack) -> Any | None:
+        """Return a trial and hold its lock: one that its process left unfinished, else a new one.
+
+        None if there are enough.
+        """
+        optuna = _optuna()
+        with locked(self._folder / ".asking", wait=True):
+            known = self._study.get_trials(deepcopy=False)
+            for frozen in known:
+                if frozen.state == optuna.trial.TrialState.RUNNING:
+                    with suppress(HeldError):
+                        holding.enter_context(self._lock(frozen.number))
+                        return optuna.trial.Trial(self._study, frozen._trial_id)
+            waiting = sum(t.state == optuna.trial.TrialState.WAITING for t in known)
+            if len(known) - waiting >= self._trials:
+                return None
+            self._study.sampler = self._sampler(len(known))
+            trial = self._study.ask(self._box)
+            holding.enter_context(self._lock(trial.number))
+            return trial
+
+    def _lock(self, number: int) -> AbstractContextManager[None]:
+        return locked(self._folder / f".trial-{number}")
+
+    def _sampler(self, number: int) -> Any:
+        """Return a sampler for one trial: what it draws depends on the study's history alone."""
+        optuna = _optuna()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            return optuna.samplers.TPESampler(
+                seed=stream_seed(self._seed, "search", number) % 2**32,
+                n_startup_trials=self._startup,
+                multivariate=True,
+                constant_liar=True,  # trials that other processes are at count as bad ones
+            )
+
+    def _carry_out(self, trial: Any) -> None:
+        """Run a trial's seeds, those that are done already excepted, and tell the study."""
+        optuna = _optuna()
+        costs: list[float] = []
+        try:
+            for seed in self._seeds:
+                costs.append(self._cost(trial, seed))
+                trial.report(float(np.mean(costs)), step=len(costs))
+                if len(costs) < len(self._seeds) and trial.should_prune():
+                    self._study.tell(trial.number, state=optuna.trial.TrialState.PRUNED)
+                    print(f"trial {trial.number} dropped after {len(costs)} seed(s)", flush=True)
+                    return
+        except ZoacError:
+            self._study.tell(trial.number, state=optuna.trial.TrialState.FAIL)
+            raise
+        self._study.tell(trial.number, float(np.mean(costs)))
+        print(f"trial {trial.number}: mean cost {np.mean(costs):.4g}", flush=True)
+
+    def _cost(self, trial: Any, seed: int) -> float:
+        """Return the final cost of one run, which goes on where it was left, if it was."""
+        from zoac.session import run_session
+
+        config = resolved(compose_config([*self._overrides, *_options(trial.params)]))
+        config["evaluation"]["seed"] = self._evaluation_seed
+        config.update(
+            seed=seed,
+            runs_dir=str(self._folder / "runs"),
+            variant=f"trial-{trial.number}",
+            resume="auto",
+        )
+        result = run_session(config, task=self._task, tuner=self._tuner, command=sys.argv)
+        return float(result["cost_mean"])
+
+    def conclude(self) -> None:
+        """Print the best trial as overrides for `zoac.run`, and write it to `best.json`."""
+        optuna = _optuna()
+        trials = self._study.get_trials(states=[optuna.trial.TrialState.COMPLETE])
+        if not trials:
+            print(f"no trial of {self._folder} has come to its end")
+            return
+        best = min(trials, key=lambda t: t.value)
+        first = trials[0]
+        write_json(
+            self._folder / "best.json",
+            {"trial": best.number, "cost_mean": best.value, "options": best.params,
+             "trials": len(trials), "first_cost_mean": first.value},
+        )  # fmt: skip
+        print(
+            f"best of {len(trials)} whole trials: trial {best.number}, mean cost {best.value:.4g} "
+            f"over {len(self._seeds)} seeds (trial {first.number}: {first.value:.4g})\n"
+            f"  {' '.join(_options(best.params))}"
+        )
+
+
+def distributions(ranges: Mapping[str, Any]) -> dict[str, Any]:
+    """Return Optuna's distributions by dotted key.
+
+    Args:
+        ranges: Nested like the configuration. At a key either `low` and `high`, with `log: true`
+            for a logarithmic scale, whole numbers if both bounds are; or a list of choices.
+
+    Raises:
+        ConfigError: If a range cannot be used.
+    """
+    found: dict[str, Any] = {}
+    for key, node in _leaves(ranges):
+        try:
+            found[key] = _distribution(node)
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"search.ranges.{key}: {error}") from None
+    if not found:
+        raise ConfigError("search.ranges: there is nothing to search")
+    return found
+
+
+def _leaves(node: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in node.items():
+        if isinstance(value, Mapping) and not value.keys() & {"low", "high"}:
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _distribution(node: Any) -> Any:
+    optuna = _optuna()
+    if isinstance(node, list):
+        return optuna.distributions.CategoricalDistribution(node)
+    if not isinstance(node, Mapping):
+        raise ValueError(f"expected low and high, or a list of choices, got {node!r}")
+    for key in node:
+        if key not in ("low", "high", "log"):
+            raise ValueError(f"unknown {key!r}; {suggest(key, ('low', 'high', 'log'))}")
+    bounds = node.get("low"), node.get("high")
+    if not all(isinstance(b, int | float) and not isinstance(b, bool) for b in bounds):
+        raise ValueError(f"low and high must be numbers, got {bounds[0]!r} and {bounds[1]!r}")
+    whole = all(isinstance(b, int) for b in bounds)
+    kind = optuna.distributions.IntDistribution if whole else optuna.distributions.FloatDistribution
+    return kind(*bounds, log=node.get("log", False))
+
+
+def _value(plain: Mapping[str, Any], key: str) -> Any:
+    """Return the value at a dotted key of a configuration."""
+    node: Any = plain
+    for part in key.split("."):
+        if not isinstance(node, Mapping) or part not in node:
+            known = node if isinstance(node, Mapping) else ()
+            raise ConfigError(f"search.ranges: there is no {key!r}; {suggest(part, known)}")
+        node = node[part]
+    return node
+
+
+def _options(params: Mapping[str, Any]) -> list[str]:
+    return [f"{key}={'null' if value is None else value}" for key, value in params.items()]
+
+
+def _optuna() -> Any:
+    try:
+        import optuna
+    except ImportError as error:
+        raise ConfigError("zoac.search needs Optuna: pip install 'zoac[search]'") from error
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    return optuna
+
+
+def split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the overrides of the runs, and those of the search.
+
+    Without `search=<choice>` the search is called like the tuner.
+
+    Raises:
+        ConfigError: If an argument is none, or belongs to the search itself.
+    """
+    runs, own, choice, tuner = [], [], None, "zoac"
+    for argument in arguments:
+        key, equals, value = argument.lstrip("+~").partition("=")
+        if argument in ("-m", "--multirun"):
+            raise ConfigError("a search is no sweep: leave out -m, and use search.seeds")
+        if not equals and not argument.startswith("~"):
+            raise ConfigError(f"cannot read the override {argument!r}; write key=value")
+        if key in ("seed", "variant", "runs_dir", "resume", "evaluation.seed"):
+            raise ConfigError(f"{key} is set for each run of a search; see search.seeds")
+        if key == "search":
+            choice = value
+        elif key.startswith("search."):
+            own.append(argument)
+        else:
+            runs.append(argument)
+            tuner = value if key == "tuner" else tuner
+    return runs, [f"+search={choice or tuner}", *own]
+
+
+def _options_of_search(runs: Sequence[str], own: Sequence[str]) -> dict[str, Any]:
+    """Return `Search`'s options from the command line, checked."""
+    choice, *changes = own
+    known = [str(key) for key in compose_config([*runs, choice]).search]
+    for change in changes:
+        path = change.lstrip("+~").partition("=")[0]
+        name = path.split(".")[1]
+        if name not in known:
+            raise ConfigError(f"unknown key 'search.{name}'; {suggest(name, known)}")
+    node = compose_config([*runs, *own]).search
+    options = {str(k): v for k, v in OmegaConf.to_container(node, resolve=True).items()}
+    check_arguments(Search, options, "search", provided=("overrides",))
+    return options
+
+
+def main() -> None:
+    """Run the command line; exits with 1 and one message on a user's error."""
+    if sys.argv[1:] in (["--help"], ["-h"]):
+        print(__doc__)
+        return
+    try:
+        runs, own = split(sys.argv[1:])
+        search = Search(runs, **_options_of_search(runs, own))
+        search.run()
+        search.conclude()
+    except ZoacError as error:
+        sys.exit(f"error: {error}")
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on", file=sys.stderr)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()
