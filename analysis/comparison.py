@@ -42,6 +42,7 @@ class Outcome:
     seed: int
     costs: np.ndarray
     prediction_error: float | None
+    violations: float | None
     wall_seconds: float
     compute_seconds: float
     choices: Mapping[str, Any]
@@ -64,6 +65,7 @@ class Summary:
         iqm: Interquartile mean of the seeds' costs, and its interval.
         minus_nominal: Mean cost less that of the nominal controller, paired.
         prediction_error: Over seeds.
+        violations: Episodes that violate a constraint, over seeds; None without constraints.
         wall_seconds: Over seeds, evaluation included.
         compute_seconds: Likewise, over all processes.
         choices: What its tuner chose in every seed: start, noise model, recommendation, ...
@@ -81,6 +83,7 @@ class Summary:
     iqm: Interval | None
     minus_nominal: Interval | None
     prediction_error: Spread | None
+    violations: Spread | None
     wall_seconds: Spread | None
     compute_seconds: Spread | None
     choices: Mapping[str, Any]
@@ -189,11 +192,12 @@ def outcome(run: Run, budget: int | None = None) -> Outcome:
         if not earlier:
             raise RunFolderError(f"{run.folder}: no evaluation within {budget} environment steps")
         row = earlier[-1]
-    error = row.get("prediction_error")
+    error, violations = row.get("prediction_error"), row.get("violations")
     return Outcome(
         run.seed,
         np.array(row["cost_per_episode"], dtype=np.float64),
         None if error is None else float(error),
+        None if violations is None else float(violations),
         float(row["wall_seconds"]),
         float(row.get("compute_seconds", "nan")),
         run.identity.get("tuner_choices", {}),
@@ -250,6 +254,7 @@ def _summarise(
     seeds = tuple(o.seed for o in outcomes)
     tuned = scores.tuned if scores is not None else method.tuner != NOMINAL
     errors = [o.prediction_error for o in outcomes if o.prediction_error is not None]
+    violations = [o.violations for o in outcomes if o.violations is not None]
     cost = iqm = minus_nominal = None
     if scores is not None:
         name = f"analysis {label}"
@@ -270,6 +275,7 @@ def _summarise(
         iqm=iqm,
         minus_nominal=minus_nominal,
         prediction_error=_over_seeds(errors, tuned),
+        violations=_over_seeds(violations, tuned),
         wall_seconds=spread([o.wall_seconds for o in outcomes]),
         compute_seconds=spread([o.compute_seconds for o in outcomes]),
         choices=_common([o.choices for o in outcomes]),

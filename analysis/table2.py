@@ -50,6 +50,7 @@ PAPER = {
 
 COLUMNS = (
     "Method", "Seeds", "Cumulative cost", "Paper's", "Prediction error", "Paper's",
+    "Episodes in violation",
     "Wall time [s]", "Compute time [s]", "Paper's tuning time [s]",
 )  # fmt: skip
 STATISTICS = (
@@ -161,6 +162,7 @@ def _cells(s: Summary) -> list[str]:
         plus_minus(paper.cost if paper else None),
         plus_minus(s.prediction_error),
         plus_minus(paper.prediction_error if paper else None),
+        plus_minus(s.violations),
         plus_minus(s.wall_seconds if s.tuned else None),
         plus_minus(s.compute_seconds if s.tuned else None),
         plus_minus(paper.seconds if paper else None),
@@ -189,6 +191,7 @@ def _record(s: Summary) -> dict[str, Any]:
     for name, value in (
         ("cost", s.cost_spread),
         ("prediction_error", s.prediction_error),
+        ("violations", s.violations),
         ("wall_seconds", s.wall_seconds),
         ("compute_seconds", s.compute_seconds),
         ("paper_cost", paper and paper.cost),

@@ -187,6 +187,8 @@ def tune(
     max_episode_steps: int | None = None,
     plant: Mapping[str, float] | None = None,
     vary: Mapping[str, Bounds] | None = None,
+    trust: float | None = None,
+    gate: float | None = None,
     tuner_options: Mapping[str, Any] | None = None,
     executor: str = "serial",
     eval_every: int | None = None,
@@ -220,6 +222,10 @@ def tune(
         plant: Numbers of the environment to set, by attribute: `{"m": 1.2}`.
         vary: Ranges from which every episode, of tuning and evaluation, draws such numbers:
             `{"m": (0.8, 1.2)}`.
+        trust: How far the start values are trusted, from 0 (good ones may lie far away) to 1 (they
+            are nearly right): sets how far the tuner searches around them.
+        gate: Share of the budget, such as 0.2, for held-out episodes on which the answer must beat
+            the start values; else they stay. `result.record["gate"]` tells.
         tuner_options: By name, such as {"sigma": 0.05}.
         executor: "serial" or "process".
         eval_every: Steps between evaluations; None: a tenth of the budget.
@@ -254,6 +260,7 @@ def tune(
         options.setdefault("start", "nominal")
     _set(config, "tuner", options, f"tuner {tuner!r}")
     config.seed, config.budget, config.lanes = seed, budget, lanes
+    config.trust, config.gate = trust, gate
     config.eval_every = eval_every or max(1, budget // 10)
     config.evaluation.episodes, config.evaluation.final_episodes = episodes, final_episodes
     plain = resolved(config)

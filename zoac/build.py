@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from zoac.checks import TARGET, check_arguments, check_node, locate
 from zoac.executor import Executor
+from zoac.gate import Gate, search_budget, trusted
 from zoac.runlog import Sink
 from zoac.task import Task
 from zoac.trainer import Settings
@@ -47,6 +49,7 @@ def build_settings(config: Mapping[str, Any]) -> Settings:
     """Return the trainer's settings of a resolved configuration."""
     evaluation = config["evaluation"]
     top = {k: config[k] for k in ("seed", "budget", "lanes", "eval_every", "checkpoint_seconds")}
+    top |= {k: config[k] for k in ("trust", "gate") if config.get(k) is not None}
     check_arguments(Settings, top, "")
     inner = {
         "episodes": evaluation["episodes"],
@@ -62,7 +65,7 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
     env = task.make_env(1)
     shape = env.single_observation_space.shape
     assert shape is not None
-    problem = Problem(
+    whole = Problem(
         space=task.space,
         observation_size=shape[0],
         lanes=settings.lanes,
@@ -72,7 +75,12 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
         nominal=None if task.nominal is None else task.space.unit(task.nominal),
     )
     env.close()
-    return build(node, "tuner", problem=problem)
+    if settings.trust is not None:
+        node = trusted(node, settings.trust)
+    if settings.gate is None:
+        return build(node, "tuner", problem=whole)
+    left = replace(whole, budget=search_budget(whole.budget, settings.gate))
+    return Gate(build(node, "tuner", problem=left), whole, settings.gate)
 
 
 def build_executor(config: Mapping[str, Any]) -> Executor:

@@ -161,7 +161,7 @@ def hidden_state(task: Task) -> Found:
 def dead_parameters(task: Task) -> Found:
     """Every parameter changes the action somewhere."""
     segments = _segments(task)
-    alive = {name: False for name in task.space.names}
+    alive = dict.fromkeys(task.space.names, False)
     others = task.space.values(_draws(task, DRAWS, first=DRAWS))
     for segment, other in zip(segments, others, strict=True):
         base = _replayed(task, segment)

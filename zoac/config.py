@@ -78,6 +78,8 @@ class RunSchema:
     checkpoint_seconds: float = 30.0
     runs_dir: str = "runs"
     variant: str | None = None
+    trust: float | None = None
+    gate: float | None = None
     resume: Resume = Resume.auto
 
 

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from zoac.constraints import violations
 from zoac.rollout import Proposal, Segment
 from zoac.seeding import stream_seed
-from zoac.task import Metric
+from zoac.task import Constraint, Metric
 
 
 def evaluation_proposals(z: np.ndarray, episodes: int, seed: int) -> list[Proposal]:
@@ -26,7 +27,11 @@ def evaluation_proposals(z: np.ndarray, episodes: int, seed: int) -> list[Propos
     return [Proposal(z=z, lane=k, seed=stream_seed(seed, "evaluation", k)) for k in range(episodes)]
 
 
-def evaluation_row(segments: Sequence[Segment], metrics: Sequence[Metric]) -> dict[str, Any]:
+def evaluation_row(
+    segments: Sequence[Segment],
+    metrics: Sequence[Metric],
+    constraints: Sequence[Constraint] = (),
+) -> dict[str, Any]:
     """Return the numbers of an evaluation, with undiscounted plain costs."""
     costs = np.array([s.costs.sum() for s in segments])
     row: dict[str, Any] = {
@@ -35,6 +40,7 @@ def evaluation_row(segments: Sequence[Segment], metrics: Sequence[Metric]) -> di
         "cost_per_episode": costs.tolist(),
         "episode_lengths": [s.length for s in segments],
         "terminations": sum(s.terminated for s in segments),
+        **violations(segments, constraints),
     }
     for metric in metrics:
         values = np.concatenate([np.asarray(metric.per_step(s)) for s in segments])

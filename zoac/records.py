@@ -31,15 +31,19 @@ WITHOUT_EFFECT = (
 
 
 def config_hash(config: Mapping[str, Any]) -> str:
-    """Return the hash of all that can change a run's numbers, seed included."""
-    relevant = {k: v for k, v in config.items() if k not in WITHOUT_EFFECT}
+    """Return the hash of all that can change a run's numbers, seed included.
+
+    A key that is null is as good as absent, so that new keys leave the runs of before alone.
+    """
+    relevant = {k: v for k, v in config.items() if k not in WITHOUT_EFFECT and v is not None}
     return hashlib.sha256(json.dumps(relevant, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def differing_keys(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
     """Return the dotted keys in which two configs differ in effect, with both values."""
     left, right = (
-        _flat({k: v for k, v in c.items() if k not in WITHOUT_EFFECT}) for c in (one, other)
+        _flat({k: v for k, v in c.items() if k not in WITHOUT_EFFECT and v is not None})
+        for c in (one, other)
     )
     absent = "(absent)"
     return {

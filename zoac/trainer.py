@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from zoac.constraints import FeasibilityFirst
 from zoac.evaluation import evaluation_proposals, evaluation_row
 from zoac.executor import Executor
 from zoac.rollout import Segment
@@ -22,6 +23,7 @@ from zoac.task import Task
 from zoac.tuner import Tuner
 
 Count = Annotated[int, Field(ge=1)]
+SideBySide = Annotated[int, Field(ge=1, le=100_000)]  # all in memory at once
 
 
 @dataclass(frozen=True)
@@ -37,16 +39,20 @@ class Settings:
         final_episodes: Evaluation episodes of the final figure.
         evaluation_seed: Of the evaluation episodes, the same for all runs that are compared.
         checkpoint_seconds: Wall seconds between checkpoints.
+        trust: How far the start values are trusted, from 0 to 1; see `zoac.gate.trusted`.
+        gate: Share of the budget for proof that the answer beats the start; see `zoac.gate.Gate`.
     """
 
     seed: Annotated[int, Field(ge=0)] = 0
     budget: Annotated[int, Field(ge=0)] = 500_000
-    lanes: Count = 10
+    lanes: SideBySide = 10
     eval_every: Count = 10_000
-    episodes: Count = 10
-    final_episodes: Count = 100
+    episodes: SideBySide = 10
+    final_episodes: SideBySide = 100
     evaluation_seed: Annotated[int, Field(ge=0)] = 0
     checkpoint_seconds: Annotated[float, Field(ge=0)] = 30.0
+    trust: Annotated[float, Field(ge=0, le=1)] | None = None
+    gate: Annotated[float, Field(gt=0, lt=1)] | None = None
 
 
 @dataclass
@@ -94,6 +100,7 @@ class Trainer:
         self._task, self._tuner, self._executor = task, tuner, executor
         self._settings, self._log = settings, log
         self._stop_requested = stop_requested
+        self._constraints = FeasibilityFirst(task.constraints)
         self.progress = Progress()
         self._wall_start = self._last_checkpoint = time.perf_counter()
         self._compute_start = time.process_time()
@@ -123,6 +130,7 @@ class Trainer:
         progress.env_steps += sum(s.length for s in segments)
         self._account(segments)
         seen = [s.with_costs(self._task.tuning_costs(s)) for s in segments]
+        seen = self._constraints.told(segments, seen)
         with self._timed("tuner_seconds"):
             metrics = self._tuner.tell(seen)
         costs = np.concatenate([s.costs for s in seen])
@@ -148,7 +156,7 @@ class Trainer:
             segments = self._executor.evaluate(
                 evaluation_proposals(z, episodes, self._settings.evaluation_seed)
             )
-        row = evaluation_row(segments, self._task.metrics)
+        row = evaluation_row(segments, self._task.metrics, self._task.constraints)
         self._account(segments)
         row = {**row, "parameters": self._task.space.named(z), "z": z.tolist(), "final": final}
         self._log.row("eval", self._stamp(compute_seconds=self._compute_seconds()), row)
@@ -165,6 +173,7 @@ class Trainer:
             "compute_seconds": self._compute_seconds(),
             **{f"{part}_seconds": progress[f"{part}_seconds"] for part in _PARTS},
             "solver_failures": progress["solver_failures"],
+            **self._tuner.outcome(),
         }
         return self._log.finish(result)
 
@@ -220,6 +229,7 @@ class Trainer:
             "progress": progress,
             "tuner": self._tuner.state(),
             "lanes": self._executor.state(),
+            "constraints": self._constraints.state(),
         }
 
     def _restore(self, state: dict[str, Any] | None) -> None:
@@ -229,6 +239,8 @@ class Trainer:
         self.progress = Progress(**state["progress"])
         self._tuner.restore(state["tuner"])
         self._executor.restore(state["lanes"])
+        if "constraints" in state:  # a checkpoint of version 0.1.0 has none
+            self._constraints.restore(state["constraints"])
         self._log.rewind(self.progress.log_bytes)
 
 

@@ -73,6 +73,10 @@ class Tuner(ABC):
     def restore(self, state: Any) -> None:
         """Put back what `state` returned; afterwards the tuner goes on to the same bits."""
 
+    def outcome(self) -> dict[str, Any]:
+        """Return what `result.json` must say beside the parameters, by name."""
+        return {}
+
     def describe(self) -> dict[str, Any]:
         """Return the choices that a fair comparison must show, by name, for run log and tables."""
         return {}

@@ -13,7 +13,7 @@ from zoac.analysis.comparison import compare
 from zoac.analysis.formatting import estimate, plus_minus
 from zoac.analysis.load import load
 from zoac.analysis.stats import Interval, Spread
-from zoac.analysis.table2 import csv, latex, main, markdown
+from zoac.analysis.table2 import csv, latex, main, main_cells, markdown
 
 
 def table(root: Path, **options: Any) -> str:
@@ -210,3 +210,12 @@ def test_numbers_read_as_the_paper_prints_them(spread: Spread | None, shown: str
 )
 def test_bounds_can_be_told_apart(interval: Interval, shown: str) -> None:
     assert estimate(interval, sign=True) == shown
+
+
+def test_violations_are_counted_where_a_task_has_constraints(tmp_path):
+    for seed, count in enumerate((0, 2, 4)):
+        counted = {"violations": count, "violations_by_constraint": {}}
+        write_run(tmp_path, "zoac", seed, result=counted)
+    (header, row) = main_cells(compare(load(tmp_path), "pid_acc"))
+    assert row[header.index("Episodes in violation")].startswith("2.00 ± 2.00")
+    assert "violations_mean" in csv(compare(load(tmp_path), "pid_acc"))

@@ -8,7 +8,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 CORE = {
     "errors", "seeding", "parameters", "environment", "recording", "rollout", "task", "tuner",
-    "executor", "worker", "process", "evaluation", "checkpoint", "records", "runlog", "trainer",
+    "constraints", "gate", "executor", "worker", "process", "evaluation", "checkpoint", "records",
+    "runlog", "trainer",
 }  # fmt: skip
 
 

@@ -1,0 +1,140 @@
+"""Starting from today's gains: how far the search goes, and that the answer is never worse."""
+
+import numpy as np
+import pytest
+
+import zoac
+from tests.core.test_adapters import Drift
+from tests.support import CountingTask, lane_group
+from zoac import gate
+from zoac.errors import ConfigError
+from zoac.tuner import Problem, Tuner
+
+SMALL = {"lanes": 2, "episodes": 1, "final_episodes": 2, "quiet": True}
+
+
+class Stubborn(Tuner):
+    """Asks for nothing and recommends what it was given."""
+
+    def __init__(self, z):
+        self.z = np.array(z)
+
+    def ask(self):
+        return []
+
+    def tell(self, segments):
+        return {}
+
+    def recommend(self):
+        return self.z
+
+    def state(self):
+        return None
+
+    def restore(self, state):
+        pass
+
+
+def gated(candidate, start=(0.5, 0.0), share=0.5, budget=1000):
+    problem = Problem(CountingTask.space, 3, 4, budget, 7, 0, np.array(start))
+    return gate.Gate(Stubborn(candidate), problem, share)
+
+
+def driven(tuner, rounds=3):
+    group = lane_group(CountingTask(), [0, 1, 2, 3])
+    for _ in range(rounds):
+        tuner.tell(group.rollout(tuner.ask()))
+    return tuner
+
+
+def test_the_cheaper_candidate_passes_and_the_dearer_one_does_not():
+    """Cost per step is the action, parameter a, and noise that both have in common."""
+    good, bad = driven(gated([0.4, 0.0])), driven(gated([0.6, 0.0]))
+    assert good.recommend().tolist() == [0.4, 0.0]
+    assert bad.recommend().tolist() == [0.5, 0.0]
+    verdict = bad.outcome()["gate"]
+    assert (verdict["accepted"], verdict["pairs"]) == (False, 6)
+    # Seven steps; 0.1 of the mapped box is 0.5 of parameter a.
+    assert verdict["candidate_cost_mean"] - verdict["start_cost_mean"] == pytest.approx(3.5)
+
+
+def test_without_proof_the_start_stays():
+    tuner = gated([0.4, 0.0])
+    tuner.ask()
+    assert tuner.recommend().tolist() == [0.5, 0.0]
+    assert not gate.better(np.array([-1.0]))
+    assert not gate.better(np.array([-1.0, -1.0, np.inf]))
+
+
+def test_a_difference_within_the_noise_is_no_proof():
+    rng = np.random.default_rng(0)
+    passed = sum(gate.better(rng.normal(0.0, 1.0, 10)) for _ in range(2000))
+    assert passed / 2000 == pytest.approx(0.05, abs=0.015)
+
+
+def test_pairs_meet_the_same_episode_and_no_episode_twice():
+    group, tuner = lane_group(CountingTask(), [0, 1, 2, 3]), gated([0.4, 0.0])
+    noise = []
+    for _ in range(2):
+        segments = group.rollout(tuner.ask())
+        noise += [float(s.observations[0, 2]) for s in segments]
+        tuner.tell(segments)
+    assert noise[0::2] == noise[1::2]
+    assert len(set(noise)) == len(noise) / 2
+
+
+def test_a_restored_gate_goes_on_to_the_same_answer():
+    one, other = driven(gated([0.4, 0.0]), 1), gated([0.4, 0.0])
+    other.restore(one.state())
+    assert [p.seed for p in one.ask()] == [p.seed for p in other.ask()]
+    assert driven(one).outcome() == driven(other).outcome()
+
+
+def act(params, obs):
+    return -params["k"] * obs[0] + params["bias"]
+
+
+def tune(**changes):
+    options = {"env": Drift, "controller": act, "max_episode_steps": 20, "budget": 1000,
+               "space": {"k": {"low": 0, "high": 2, "start": 1.0},
+                         "bias": {"low": -1, "high": 1, "start": 0.0}}}  # fmt: skip
+    return zoac.tune(**{**options, **SMALL, **changes})
+
+
+def test_the_gate_is_paid_from_the_budget_and_told_in_the_result():
+    result = tune(tuner="random", gate=0.5)
+    verdict = result.record["gate"]
+    assert 1000 <= result.env_steps < 1000 + 2 * 20
+    assert verdict["pairs"] >= 10
+    # k = 1 is the best there is: what random search believes to be better is not.
+    assert (verdict["accepted"], result.parameters["k"]) == (False, pytest.approx(1.0))
+
+
+def test_a_gate_without_start_values_is_refused():
+    with pytest.raises(ConfigError, match="no start values"):
+        tune(space={"k": (0, 2), "bias": 0.0}, gate=0.2)
+
+
+def test_trust_sets_start_and_spread():
+    options = {"start": "random", "sigma": 0.1, "step_size": 0.05, "candidates": 40}
+    assert gate.trusted(options, 0.0) == {
+        "start": "nominal", "sigma": pytest.approx(0.3), "step_size": pytest.approx(0.15),
+        "candidates": 0,
+    }  # fmt: skip
+    assert gate.trusted({"start": "random", "spread": None}, 1.0)["spread"] == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize("tuner", ["zoac", "zoac_plus", "es", "cmaes"])
+def test_the_more_trust_the_nearer_the_search_stays(tuner):
+    def farthest(trust):
+        folder = tune(tuner=tuner, trust=trust, budget=300, eval_every=50).folder
+        rows = [r for r in zoac.api.records.read_metrics(folder) if r["kind"] == "eval"]
+        return max(abs(r["parameters"]["k"] - 1.0) for r in rows)
+
+    assert farthest(1.0) < 0.25
+    assert farthest(1.0) < farthest(0.0)
+
+
+def test_trust_in_a_tuner_that_knows_no_start_is_refused():
+    with pytest.raises(ConfigError, match="trust needs a tuner with a start and a spread"):
+        tune(tuner="random", trust=0.5)
