@@ -28,14 +28,14 @@ from zoac.records import WITHOUT_EFFECT
 CONFIG_MODULE = "zoac.conf"
 GROUPS = (
     "task", "tuner", "executor", "mpc_solver", "fidelity", "logger", "launcher", "method",
-    "experiment",
+    "experiment", "search",
 )  # fmt: skip
 
 # Overrides that say which run this is; `records.WITHOUT_EFFECT` cannot change its numbers.
 NOT_A_VARIANT = ("task", "tuner", "seed", "launcher", "method", "experiment")
 
 
-NOT_OF_THE_RUN = ("hydra", "method", "experiment")
+NOT_OF_THE_RUN = ("hydra", "method", "experiment", "search")
 
 EXTRA_OF_LAUNCHER = {
     "joblib": "launchers", "submitit_local": "launchers", "submitit_slurm": "launchers",
@@ -81,6 +81,7 @@ class RunSchema:
     trust: float | None = None
     gate: float | None = None
     resume: Resume = Resume.auto
+    search: Any = None  # of `zoac.search`; no part of a run
 
 
 ConfigStore.instance().store(name="run_schema", node=RunSchema)

@@ -19,6 +19,7 @@ from typing import Any
 from zoac import build, records
 from zoac.errors import RunFolderError
 from zoac.executor import Executor
+from zoac.locks import HeldError, locked
 from zoac.runlog import Console, RunLog, Sink
 from zoac.task import Task
 from zoac.trainer import Interrupted, Settings, Trainer
@@ -156,20 +157,12 @@ def _prepare(folder: Path, config: Mapping[str, Any]) -> bool:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock, which the system releases when the process ends, however it ends."""
-    with open(folder / ".lock", "a+") as file:
-        try:
-            if os.name == "posix":
-                import fcntl
-
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            else:
-                import msvcrt
-
-                msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-        except OSError:
-            raise RunFolderError(f"{folder}: another process is running this run") from None
-        yield
+    """Hold the folder's lock."""
+    try:
+        with locked(folder / ".lock"):
+            yield
+    except HeldError:
+        raise RunFolderError(f"{folder}: another process is running this run") from None
 
 
 @contextmanager
