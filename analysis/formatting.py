@@ -52,6 +52,13 @@ def plus_minus(value: Spread | None) -> str:
     return f"({both})e{exponent}" if exponent else both
 
 
+def pipes(lines: Sequence[Sequence[str]]) -> str:
+    """Return header and rows as a Markdown table."""
+    header, *rows = lines
+    rule = ["---", *["---:"] * (len(header) - 1)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (header, rule, *rows))
+
+
 def without_empty_columns(lines: Sequence[Sequence[str]]) -> list[list[str]]:
     """Return header and rows less the columns in which no row has anything."""
     columns = [c for c in zip(*lines, strict=True) if any(cell != NOTHING for cell in c[1:])]

@@ -30,8 +30,10 @@ def rebuild(run: Run) -> Task:
     Raises:
         RunFolderError: If it cannot be built here.
     """
-    from zoac.api import task_from_config
+    from zoac.api import task_from_config, task_of_run
 
+    if "_target_" not in run.config["task"]:  # of `zoac.tune`, with a user's own objects
+        return task_of_run(run.folder)
     try:
         return task_from_config(run.config)
     except ConfigError as error:

@@ -17,6 +17,7 @@ from zoac.analysis.formatting import (
     NOTHING,
     bounds,
     number,
+    pipes,
     plus_minus,
     without_empty_columns,
 )
@@ -103,8 +104,8 @@ def _command(options: argparse.Namespace) -> None:
 def markdown(comparison: Comparison) -> str:
     """Return both tables, the claims and the notes as Markdown."""
     statistics = [list(STATISTICS), *(_statistics_cells(s) for s in comparison.summaries)]
-    parts = [f"# {_title(comparison)}", _setting(comparison), _pipes(main_cells(comparison))]
-    parts += [_pipes(statistics), METHOD_NOTE]
+    parts = [f"# {_title(comparison)}", _setting(comparison), pipes(main_cells(comparison))]
+    parts += [pipes(statistics), METHOD_NOTE]
     choices = [
         f"{s.label}: {'; '.join(f'{k} {v}' for k, v in s.choices.items())}"
         for s in comparison.summaries
@@ -201,12 +202,6 @@ def _record(s: Summary) -> dict[str, Any]:
         record[f"{name}_mean"] = value.mean if value else None
         record[f"{name}_std"] = value.std if value else None
     return record
-
-
-def _pipes(lines: Sequence[Sequence[str]]) -> str:
-    header, *rows = lines
-    rule = ["---", *["---:"] * (len(header) - 1)]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (header, rule, *rows))
 
 
 def _tex(text: str) -> str:

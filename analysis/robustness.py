@@ -1,0 +1,332 @@
+"""Tuned parameters on other plants, and the cost of being a little off: table and figure.
+
+    python -m zoac.analysis.robustness runs --task pid_acc --vary preceding_std=0.02,0.2
+
+What may vary is every number among the task's options in `run.json`; of a Gymnasium environment,
+`plant.NAME` is an attribute of it. Without --vary only the sensitivity is shown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import sys
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from zoac.analysis import cli, replay, style
+from zoac.analysis.formatting import number, pipes
+from zoac.analysis.labels import unit_label
+from zoac.analysis.load import Run
+from zoac.analysis.selection import chosen
+from zoac.errors import ConfigError, RunFolderError, suggest
+from zoac.seeding import stream
+from zoac.task import Task
+
+TAIL = 0.1
+"""Share of the costliest episodes whose mean is the tail risk (CVaR)."""
+
+STEP = 0.1
+"""Of a coordinate in the mapped box, for the sensitivity: a twentieth of the bounds' distance."""
+
+TUNED, START = "tuned", "start values"
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """Costs of controllers on varied plants.
+
+    Args:
+        plants: Value of each varied number on each plant, (P,) by name; the task's own plant first.
+        costs: (P, E) by controller.
+    """
+
+    plants: Mapping[str, np.ndarray]
+    costs: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Cost around the optimum along one coordinate.
+
+    Args:
+        name: Of the coordinate.
+        below: Mean cost with it lowered by `STEP`, less the optimum's, in the same episodes.
+        above: Likewise, raised.
+        error: Standard error of the larger of the two.
+    """
+
+    name: str
+    below: float
+    above: float
+    error: float
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write table and figure of one run; return the exit code."""
+    parser = cli.parser("robustness", "Tuned parameters on varied plants.", out="robustness")
+    parser.add_argument("--task", help="default: the only one there is")
+    parser.add_argument("--tuner", help="default: zoac's median run, or whatever was tuned")
+    parser.add_argument("--variant", help="keep to runs of this variant")
+    parser.add_argument("--seed", type=int, help="default: the median run")
+    parser.add_argument(
+        "--vary", action="append", default=[], metavar="NAME=LOW,HIGH", help="may be repeated"
+    )
+    parser.add_argument("--plants", type=int, default=20, help="plants drawn; default: 20")
+    parser.add_argument("--episodes", type=int, default=8, help="per plant; default: 8")
+    cli.add_formats(parser)
+    return cli.guarded(_command, parser, argv)
+
+
+def _command(options: argparse.Namespace) -> None:
+    for name in ("plants", "episodes"):
+        if getattr(options, name) < 1:
+            raise ConfigError(f"--{name} must be at least 1, got {getattr(options, name)}")
+    ranges = dict(_parsed(text) for text in options.vary)
+    collection = cli.load_aloud(options.runs)
+    collection = collection.of_task(options.task or cli.only_task(collection))
+    if options.variant is not None:
+        collection = collection.of_variant(options.variant)
+    run = chosen(collection, options.tuner, options.seed)[0]
+    print(f"{run.folder}: {run.method}, seed {run.seed}", file=sys.stderr)
+    varied = vary(run, ranges, options.plants, options.episodes) if ranges else None
+    around = sensitivity(run, options.episodes)
+    folder = cli.output_folder(options.out)
+    text = markdown(run, varied, around)
+    print(text)
+    cli.write(folder / "robustness.md", text)
+    cli.write(folder / "robustness.csv", table(varied, around))
+    with style.paper():
+        figure = draw(varied, around)
+        for kind in options.format:
+            cli.write(folder / f"robustness.{kind}", style.image(figure, kind))
+
+
+def _parsed(text: str) -> tuple[str, tuple[float, float]]:
+    name, _, bounds = text.partition("=")
+    try:
+        low, high = (float(part) for part in bounds.split(","))
+    except ValueError:
+        raise ConfigError(f"--vary {text}: expected NAME=LOW,HIGH") from None
+    if low > high:
+        raise ConfigError(f"--vary {text}: the lower bound must not be above the upper")
+    return name, (low, high)
+
+
+def vary(
+    run: Run, ranges: Mapping[str, tuple[float, float]], plants: int, episodes: int
+) -> Variation:
+    """Return the costs of a run's parameters, and of its start values, on drawn plants.
+
+    Args:
+        run: A finished run.
+        ranges: By name, from which each plant draws uniformly.
+        plants: How many.
+        episodes: On each, the same for all plants and controllers.
+
+    Raises:
+        ConfigError: If a name is no number of the plant.
+    """
+    task = replay.rebuild(run)
+    rng = stream(0, "robustness")
+    drawn = {name: rng.uniform(low, high, plants) for name, (low, high) in ranges.items()}
+    points = _points(run, task)
+    print(f"rolling out {(plants + 1) * len(points) * episodes} episodes", file=sys.stderr)
+    seed = int(run.config["evaluation"]["seed"])
+    rows = [replay.costs(task, np.stack(list(points.values())), episodes, seed)]
+    for k in range(plants):
+        other = on_plant(run, task, {name: float(values[k]) for name, values in drawn.items()})
+        rows.append(replay.costs(other, np.stack(list(points.values())), episodes, seed))
+    costs = np.stack(rows, axis=1)
+    own = {name: _own_value(run, name) for name in ranges}
+    return Variation(
+        {name: np.concatenate([[own[name]], values]) for name, values in drawn.items()},
+        dict(zip(points, costs, strict=True)),
+    )
+
+
+def on_plant(run: Run, task: Task, values: Mapping[str, float]) -> Task:
+    """Return a run's task on a plant with other numbers.
+
+    Args:
+        run: Whose configuration.
+        task: Its task.
+        values: By dotted name among the task's options, or `plant.NAME`.
+
+    Raises:
+        ConfigError: If a name is no number among them.
+    """
+    node = run.config["task"]
+    if "_target_" not in node:  # of `zoac.tune`
+        if not hasattr(task, "with_plant"):
+            raise ConfigError("--vary: this run's task has no numbers that can be set")
+        return task.with_plant({n.removeprefix("plant."): v for n, v in values.items()})
+    from zoac.api import task_from_config
+
+    changed = deepcopy(dict(node))
+    known = _numbers(node)
+    for name, value in values.items():
+        *parents, last = name.split(".")
+        if name not in known and parents != ["plant"]:
+            raise ConfigError(f"--vary: no number {name!r} in the task; {suggest(name, known)}")
+        inner = changed
+        for parent in parents:
+            if inner.get(parent) is None:
+                inner[parent] = {}
+            inner = inner[parent]
+        inner[last] = value
+        if parents == ["plant"] and changed.get("vary"):
+            changed["vary"].pop(last, None)
+    return task_from_config({**run.config, "task": changed})
+
+
+def _numbers(node: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
+    """Return every number among a task's options by dotted name."""
+    found: dict[str, float] = {}
+    for key, value in node.items():
+        if isinstance(value, Mapping) and key != "space":
+            found |= _numbers(value, f"{prefix}{key}.")
+        elif isinstance(value, (int, float)) and not isinstance(value, bool):
+            found[f"{prefix}{key}"] = float(value)
+    return found
+
+
+def _own_value(run: Run, name: str) -> float:
+    return _numbers(run.config["task"]).get(name, float("nan"))
+
+
+def _points(run: Run, task: Task) -> dict[str, np.ndarray]:
+    """Return the mapped parameters of each controller that is compared."""
+    points = {TUNED: np.array(_mapped(run, task))}
+    if task.nominal is not None:
+        points[START] = task.space.unit(task.nominal)
+    return points
+
+
+def _mapped(run: Run, task: Task) -> np.ndarray:
+    names = task.space.names
+    parameters = run.outcome["parameters"]
+    missing = [name for name in names if name not in parameters]
+    if missing:
+        raise RunFolderError(f"{run.folder}: result.json has no {', '.join(missing)}")
+    return task.space.unit({name: parameters[name] for name in names})
+
+
+def sensitivity(run: Run, episodes: int) -> list[Sensitivity]:
+    """Return how the mean cost changes along each coordinate around a run's parameters.
+
+    Args:
+        run: A finished run.
+        episodes: The same for every point.
+    """
+    task = replay.rebuild(run)
+    centre = _mapped(run, task)
+    steps = np.diag(np.full(task.space.dimension, STEP))
+    points = task.space.clip(np.concatenate([centre[None], centre - steps, centre + steps]))
+    costs = replay.costs(task, points, episodes, int(run.config["evaluation"]["seed"]))
+    changes = costs[1:] - costs[0]
+    means = changes.mean(axis=1).reshape(2, -1)
+    errors = changes.std(axis=1, ddof=min(1, episodes - 1)).reshape(2, -1) / np.sqrt(episodes)
+    return [
+        Sensitivity(name, float(below), float(above), float(error))
+        for name, (below, above), error in zip(
+            task.space.coordinates, means.T, errors.max(axis=0), strict=True
+        )
+    ]
+
+
+def tail_risk(costs: np.ndarray, share: float = TAIL) -> float:
+    """Return the mean of the costliest `share` of costs, one at least (CVaR)."""
+    ordered = np.sort(np.ravel(costs))[::-1]
+    return float(ordered[: max(1, round(share * len(ordered)))].mean())
+
+
+def _summary(varied: Variation) -> list[list[str]]:
+    lines = [["Controller", "Own plant", "Mean", f"Worst {TAIL:.0%}, mean", "Worst"]]
+    for name, costs in varied.costs.items():
+        others = costs[1:]
+        values = (costs[0].mean(), others.mean(), tail_risk(others), others.max())
+        lines.append([name, *(number(float(v)) for v in values)])
+    return lines
+
+
+def markdown(run: Run, varied: Variation | None, around: Sequence[Sensitivity]) -> str:
+    """Return both tables as Markdown."""
+    parts = [f"# Robustness of {run.method}, seed {run.seed}"]
+    if varied is not None:
+        plants, episodes = next(iter(varied.costs.values())).shape
+        ranges = ", ".join(
+            f"{name} in [{number(v[1:].min())}, {number(v[1:].max())}]"
+            for name, v in varied.plants.items()
+        )
+        parts += [
+            f"Cost over {plants - 1} plants of {episodes} episodes each: {ranges}.",
+            pipes(_summary(varied)),
+        ]
+    lines = [["Parameter", "A little less", "A little more", "Standard error"]]
+    lines += [
+        [s.name, number(s.below, sign=True), number(s.above, sign=True), number(s.error)]
+        for s in sorted(around, key=lambda s: -max(abs(s.below), abs(s.above)))
+    ]
+    parts += [f"Change of the mean cost with one parameter moved by {STEP / 2:.0%} of its range:"]
+    return "\n\n".join([*parts, pipes(lines)]) + "\n"
+
+
+def table(varied: Variation | None, around: Sequence[Sensitivity]) -> str:
+    """Return every number at full precision, one row per controller and plant or parameter."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    names = [] if varied is None else list(varied.plants)
+    writer.writerow(["kind", "name", "plant", *names, "cost_mean", "cost_tail", "cost_worst"])
+    if varied is not None:
+        for controller, costs in varied.costs.items():
+            for k, row in enumerate(costs):
+                plant = [repr(float(values[k])) for values in varied.plants.values()]
+                numbers = (row.mean(), tail_risk(row), row.max())
+                writer.writerow(
+                    ["plant", controller, k, *plant, *(repr(float(v)) for v in numbers)]
+                )
+    gaps = [""] * (len(names) + 1)
+    for s in around:
+        for direction, value in (("below", s.below), ("above", s.above)):
+            writer.writerow([direction, s.name, *gaps, repr(value), "", ""])
+    return out.getvalue()
+
+
+def draw(varied: Variation | None, around: Sequence[Sensitivity]) -> Figure:
+    """Return a figure: cost against each varied number, and the sensitivity."""
+    names = [] if varied is None else list(varied.plants)
+    figure = Figure(figsize=(style.PAGE, 2.2), layout="constrained")
+    panels = figure.subplots(1, len(names) + 1, squeeze=False)[0]
+    for axes, name in zip(panels, names, strict=False):
+        assert varied is not None
+        for slot, (controller, costs) in enumerate(varied.costs.items()):
+            look = style.look(slot)
+            x = varied.plants[name]
+            axes.plot(x, costs.mean(axis=1), look.marker, color=look.colour, label=controller, ms=3)
+            axes.plot(x, costs.max(axis=1), look.marker, color=look.colour, ms=2, alpha=0.4)
+        axes.set_xlabel(unit_label(name, ""))
+        axes.set_ylabel("Cost: mean, and worst (faint)" if axes is panels[0] else "")
+    if names:
+        panels[0].legend()
+    axes, order = panels[-1], sorted(around, key=lambda s: max(abs(s.below), abs(s.above)))
+    rows = np.arange(len(order))
+    for shift, look, label, values in (
+        (-0.2, style.look(0), "less", [s.below for s in order]),
+        (0.2, style.look(1), "more", [s.above for s in order]),
+    ):
+        axes.barh(rows + shift, values, height=0.4, color=look.colour, label=label)
+    axes.set_yticks(rows, [s.name for s in order])
+    axes.set_xlabel(f"Change of cost, {STEP / 2:.0%} of the range off")
+    axes.legend()
+    return figure
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,127 @@
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+
+import zoac
+import zoac.adapters
+from tests.analysis.folders import write_run
+from zoac.analysis import replay, robustness
+from zoac.analysis.load import read
+from zoac.errors import ConfigError
+from zoac.tasks.pid_acc import PidAcc
+
+QUICK = ["--plants", "3", "--episodes", "2", "--format", "svg"]
+
+
+class Gain(gymnasium.Env):
+    """Cost (g u - 1)^2 + noise of the episode: u = 1 / g is best."""
+
+    observation_space = Box(-1.0, 1.0, (1,), np.float64)
+    action_space = Box(-10.0, 10.0, (1,), np.float64)
+
+    def __init__(self) -> None:
+        self.g = 1.0
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.noise = self.np_random.uniform()
+        return np.zeros(1), {}
+
+    def step(self, action):
+        cost = (self.g * float(action[0]) - 1.0) ** 2 + self.noise
+        return np.zeros(1), -cost, False, False, {"cost": cost}
+
+
+def act(params, obs):
+    return params["u"] + 0.0 * params["idle"]
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Tuned to u = 1 by starting there and staying."""
+    space = {"u": {"low": -1, "high": 3, "start": 1.0}, "idle": {"low": 0, "high": 1, "start": 0.5}}
+    zoac.tune(env=Gain, controller=act, space=space, tuner="nominal", budget=0, episodes=1,
+              final_episodes=4, max_episode_steps=3, quiet=True, folder=tmp_path / "run")  # fmt: skip
+    return read(tmp_path / "run")
+
+
+def test_costs_on_varied_plants_are_those_of_the_plants(run):
+    varied = robustness.vary(run, {"plant.g": (0.5, 2.0)}, 4, 2)
+    g = varied.plants["plant.g"]
+    own = varied.costs["tuned"][0]
+    expected = own + 3 * (g[1:, None] - 1.0) ** 2  # three steps, the same noise
+    np.testing.assert_allclose(varied.costs["tuned"][1:], expected)
+    assert ((g[1:] >= 0.5) & (g[1:] <= 2.0)).all()
+    assert len(set(g[1:])) == 4
+    np.testing.assert_array_equal(varied.costs["tuned"], varied.costs["start values"])
+
+
+def test_sensitivity_is_the_change_of_cost_in_the_same_episodes(run):
+    u, idle = robustness.sensitivity(run, 3)
+    change = 3 * 0.2**2  # three steps, a tenth of the mapped box is 0.2
+    assert (u.below, u.above) == (pytest.approx(change), pytest.approx(change))
+    assert u.error == pytest.approx(0.0, abs=1e-12)
+    assert (idle.below, idle.above) == (0.0, 0.0)
+
+
+def test_tail_risk_is_the_mean_of_the_costliest_tenth():
+    assert robustness.tail_risk(np.arange(1.0, 21.0).reshape(4, 5)) == 19.5
+    assert robustness.tail_risk(np.array([3.0, 1.0])) == 3.0
+
+
+def test_a_plant_that_varies_while_tuning_is_fixed_when_it_is_set():
+    task = zoac.adapters.user_task(
+        env=Gain, controller=act, space={"u": (0, 1), "idle": 0.0}, vary={"g": (0.5, 2.0)},
+        max_episode_steps=2,
+    )  # fmt: skip
+    spread = np.ptp(replay.costs(task, np.array([[1.0]]), 20, 0))
+    assert spread > 1.0 + 1e-3  # more than the noise alone
+    fixed = task.with_plant({"g": 1.0})
+    assert np.ptp(replay.costs(fixed, np.array([[1.0]]), 20, 0)) < 2.0
+
+
+def test_the_options_of_a_built_in_task_can_vary(tmp_path: Path):
+    run = read(write_run(tmp_path))
+    other = robustness.on_plant(run, replay.rebuild(run), {"preceding_std": 0.4})
+    assert isinstance(other, PidAcc)
+    assert other._preceding_std == 0.4
+    assert run.config["task"]["preceding_std"] == 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("preceding_sd", "did you mean 'preceding_std'"), ("jerk", "no number 'jerk'")],
+)
+def test_what_cannot_vary_is_named(tmp_path, name, message):
+    run = read(write_run(tmp_path))
+    with pytest.raises(ConfigError, match=message):
+        robustness.on_plant(run, replay.rebuild(run), {name: 1.0})
+
+
+def test_the_command_writes_table_and_figure(tmp_path, capsys):
+    write_run(tmp_path / "runs")
+    out = tmp_path / "out"
+    arguments = [str(tmp_path / "runs"), "--out", str(out), "--vary", "preceding_std=0.02,0.2"]
+    assert robustness.main([*arguments, *QUICK]) == 0
+    printed = capsys.readouterr().out
+    assert "| tuned |" in printed
+    assert "| start values |" in printed
+    rows = list(csv.DictReader((out / "robustness.csv").read_text().splitlines()))
+    plants = [r for r in rows if r["kind"] == "plant" and r["name"] == "tuned"]
+    assert len(plants) == 4
+    assert float(plants[0]["preceding_std"]) == 0.05
+    assert (out / "robustness.svg").read_text().startswith("<?xml")
+    assert {r["name"] for r in rows if r["kind"] == "above"} == {"k", "Kp", "Ki", "Kd"}
+
+
+@pytest.mark.parametrize("text", ["mass", "mass=1", "mass=2,1", "mass=a,b"])
+def test_a_range_that_is_none_is_refused(tmp_path, capsys, text):
+    write_run(tmp_path)
+    assert robustness.main([str(tmp_path), "--vary", text]) == 1
+    assert capsys.readouterr().err.startswith("error: --vary")
