@@ -9,8 +9,10 @@ from __future__ import annotations
 import importlib
 import inspect
 import math
+import re
 import traceback
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -82,6 +84,8 @@ def check_node(node: Mapping[str, Any], where: str, provided: tuple[str, ...] = 
     """
     if TARGET not in node:
         raise ConfigError(f"{where}: there is no _target_, the class that this node configures")
+    if not isinstance(node[TARGET], str):
+        raise ConfigError(f"{where}.{TARGET}: expected a dotted path, got {node[TARGET]!r}")
     for name, value in node.items():
         if isinstance(value, Mapping) and TARGET in value:
             check_node(value, f"{where}.{name}")
@@ -149,8 +153,14 @@ def _hints(target: Any) -> dict[str, Any]:
 
 def _faults(value: Any, hint: Any, where: str) -> list[str]:
     """Return what is wrong with `value` as a `hint`, one message each."""
-    if isinstance(value, float) and math.isnan(value):
-        return [f"{where}: NaN is not a value"]
+    if isinstance(value, float) and not math.isfinite(value):
+        named = "NaN" if math.isnan(value) else f"{value}"
+        return [f"{where}: {named} is not a value; expected a finite number"]
+    if isinstance(value, list):
+        odd = [f for i, v in enumerate(value) if isinstance(v, float) and not math.isfinite(v)
+               for f in _faults(v, Any, f"{where}[{i}]")]  # fmt: skip
+        if odd:
+            return odd
     try:
         adapter = TypeAdapter(hint, config=ConfigDict(arbitrary_types_allowed=True))
     except PydanticSchemaGenerationError:
@@ -162,9 +172,25 @@ def _faults(value: Any, hint: Any, where: str) -> list[str]:
     except ValidationError as error:
         return [
             f"{where}{''.join(f'[{part}]' for part in e['loc'] if isinstance(part, int))}"
-            f"={e['input']!r}: {e['msg'][0].lower()}{e['msg'][1:]}"
+            f"={_short(e['input'])}: {e['msg'][0].lower()}{e['msg'][1:]}{_nearest(e)}"
             for e in error.errors()
         ]
     except PydanticUserError:  # a hint whose parts are imported for type checkers only
         return []
     return []
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _nearest(error: Any) -> str:
+    """Return the choice that is nearest to what was written, as a clause, if there is one."""
+    if error["type"] == "is_instance_of" and error["ctx"]["class"] == "Sequence":
+        return ", a list such as [64,64]"
+    if error["type"] != "literal_error":
+        return ""
+    choices = re.findall(r"'([^']*)'", error["ctx"]["expected"])
+    close = get_close_matches(str(error["input"]), choices, n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""

@@ -5,9 +5,10 @@ This module and `zoac.run` are the only ones that know Hydra.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from hydra import compose, initialize_config_module
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.plugins import Plugins
 from hydra.errors import HydraException, OverrideParseException
 from hydra.plugins.search_path_plugin import SearchPathPlugin
@@ -114,6 +116,7 @@ def compose_config(overrides: Sequence[str]) -> DictConfig:
     Raises:
         ConfigError: If an override names nothing, or has a value of the wrong type.
     """
+    check_overrides(overrides)
     try:
         with _hydra():
             return compose("run", overrides=list(overrides), return_hydra_config=True)
@@ -130,6 +133,41 @@ def _hydra() -> Iterator[GlobalHydra]:
         yield GlobalHydra.instance()
 
 
+def check_overrides(overrides: Sequence[str]) -> None:
+    """Refuse overrides that Hydra would answer with a traceback.
+
+    Raises:
+        ConfigError: If one names no key, or gives a group what is no name of a choice.
+    """
+    parser = OverridesParser.create()
+    for text in overrides:
+        try:
+            (override,) = parser.parse_overrides([text])
+        except HydraException as error:
+            raise ConfigError(explain(error, overrides)) from error
+        key = override.key_or_group
+        group = key in GROUPS or key.startswith("hydra/")
+        if not key or key != key.strip("."):
+            raise ConfigError(
+                f"cannot read the override {text!r}: there is no key; write key=value"
+            )
+        if not group or override.is_delete() or override.is_sweep_override():
+            continue
+        value = override.value()
+        names = value if isinstance(value, list) else [value]
+        if not all(isinstance(name, str) for name in names) and not (
+            value is None and key in ("method", "experiment", "search")
+        ):
+            raise ConfigError(
+                f"{text}: expected the name of a {key}; {suggest(str(value), _choices(key))}"
+            )
+        if isinstance(value, list) and key != "logger":
+            raise ConfigError(
+                f"{text}: expected one {key}; to run several, one after the other: "
+                f"-m {key}={','.join(map(str, value))}"
+            )
+
+
 def explain(error: Exception, overrides: Sequence[str]) -> str:
     """Return what Hydra complains about as one message, with the nearest valid choice."""
     cause: BaseException = error
@@ -139,6 +177,18 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
     text = "\n".join(dict.fromkeys(line for line in lines if line and not _internal(line)))
     if isinstance(error, OverrideParseException):
         return f"cannot read the override {error.override!r}: {text}; write key=value"
+    if found := re.search(r"override (.*)\n.* is not a subclass of EvaluationSchema", text):
+        return f"{found[1]}: expected a group of keys; {_siblings('evaluation.')}"
+    if found := re.search(r"Value (.*) of type '.*' could not be converted to (\w+)", text):
+        kind = {"Integer": "a whole number (Integer)", "Float": "a number"}.get(found[2], found[2])
+        written = re.search(r"Error merging override (.*)", text)
+        return f"{written[1] if written else found[1]}: expected {kind}, got {found[1]}"
+    if found := re.search(r"override ~(.*)\n.*does not support deletion", text):
+        return f"~{found[1]}: this key is needed; give it a value instead: {found[1]}=<value>"
+    if found := re.search(r"Missing mandatory value: (\w+)", text):
+        return f"{found[1]}: a value is needed; {suggest('', _choices(found[1]))}"
+    if "nterpolation" in text and (place := getattr(cause, "full_key", None)):
+        return f"{place}: {text}"
     for launcher, extra in EXTRA_OF_LAUNCHER.items():
         if f"Could not find 'hydra/launcher/{launcher}'" in text:
             return f"the launcher {launcher} is not installed: pip install 'zoac[{extra}]'"
@@ -152,7 +202,9 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
 
 
 def _internal(line: str) -> bool:
-    return line.startswith(("full_key:", "object_type=", "reference_type=", "See https://"))
+    return line.startswith(
+        ("full_key:", "object_type=", "reference_type=", "See https://", "LexerNoViable")
+    )
 
 
 def _siblings(key: str) -> str:
@@ -190,7 +242,22 @@ def resolved(config: DictConfig) -> dict[str, Any]:
     except OmegaConfBaseException as error:
         raise ConfigError(explain(error, [])) from error
     assert isinstance(plain, dict)
+    _check_keys(plain, RunSchema, "")
+    _check_keys(plain["evaluation"], EvaluationSchema, "evaluation.")
     return {str(key): value for key, value in plain.items()}
+
+
+def _check_keys(given: Any, schema: type, prefix: str) -> None:
+    """See that a schema's keys are there and no others, which `+key=value` and `~key` can undo."""
+    known = [f.name for f in fields(schema) if f.name not in NOT_OF_THE_RUN]
+    if not isinstance(given, Mapping):
+        raise ConfigError(f"{prefix[:-1]}={given!r}: expected the keys {', '.join(known)}")
+    for key in given:
+        if key not in known:
+            raise ConfigError(f"unknown key '{prefix}{key}'; {suggest(str(key), known)}")
+    for key in known:
+        if key not in given:
+            raise ConfigError(f"{prefix}{key}: a value is needed")
 
 
 def variant_of(config: Mapping[str, Any], overrides: Sequence[str]) -> str | None:

@@ -41,4 +41,11 @@ def suggest(name: str, choices: Iterable[str]) -> str:
     known = sorted(str(choice) for choice in choices)
     close = get_close_matches(str(name), known, n=1, cutoff=0.5)
     hint = f"did you mean {close[0]!r}? " if close else ""
+    if len(known) > MANY:
+        nearest = get_close_matches(str(name), known, n=MANY, cutoff=0.0)
+        return f"{hint}nearest of {len(known)} known: {', '.join(nearest)}"
     return f"{hint}known: {', '.join(known) if known else '(none)'}"
+
+
+MANY = 40
+"""How many choices a message lists: it must fit one screen."""

@@ -20,7 +20,7 @@ from omegaconf import DictConfig, read_write
 from omegaconf.errors import OmegaConfBaseException
 
 from zoac import sweep
-from zoac.config import explain, know_own_conf, resolved, variant_of
+from zoac.config import check_overrides, explain, know_own_conf, resolved, variant_of
 from zoac.errors import ZoacError
 from zoac.usage import usage
 
@@ -94,7 +94,10 @@ def main() -> None:
         sys.path.insert(0, os.getcwd())
     gave_up = ""
     try:
+        check_overrides([a for a in arguments if not a.startswith("-")])
         _job()
+    except ZoacError as error:
+        sys.exit(f"error: {error}")
     except (HydraException, OmegaConfBaseException) as error:
         sys.exit(f"error: {explain(error, arguments)}")
     except KeyboardInterrupt:

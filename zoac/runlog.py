@@ -5,13 +5,16 @@ The run folder is the truth. A mirror that fails is dropped with one warning; th
 
 from __future__ import annotations
 
+import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol, TextIO
 
 from zoac import checkpoint, records
+from zoac.errors import RunFolderError
 
 
 class Sink(Protocol):
@@ -43,23 +46,33 @@ class RunLog:
         self.folder = folder
         self._run = run
         self._sinks = list(sinks)
-        if not (folder / records.RUN).exists():
-            records.write_json(folder / records.RUN, run)
-        self._file = open(folder / records.METRICS, "ab")  # noqa: SIM115 (closed by close)
+        with _writing(folder / records.RUN):
+            if not (folder / records.RUN).exists():
+                records.write_json(folder / records.RUN, run)
+        with _writing(folder / records.METRICS):
+            # Unbuffered: after a write that failed nothing is left to be written at the close.
+            self._file = open(folder / records.METRICS, "ab", buffering=0)  # noqa: SIM115
         self._mirror("start", run)
 
     def row(self, kind: str, stamp: Mapping[str, Any], numbers: Mapping[str, Any]) -> None:
-        """Append one row and pass it on."""
+        """Append one row and pass it on.
+
+        Raises:
+            RunFolderError: If it cannot be written.
+        """
         row = {"kind": kind, **stamp, **numbers}
-        self._file.write(records.json_line(row).encode())
-        self._file.flush()
+        line = memoryview(records.json_line(row).encode())
+        with _writing(self.folder / records.METRICS):
+            while line:
+                line = line[self._file.write(line) :]
         self._mirror("row", row)
 
     def finish(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
         """Write `result.json`, which marks the run as done; return its content."""
         identity = {k: self._run[k] for k in ("format", "task", "tuner", "seed", "variant")}
         result = {**identity, **numbers, "config_hash": self._run["config_hash"]}
-        records.write_json(self.folder / records.RESULT, result)
+        with _writing(self.folder / records.RESULT):
+            records.write_json(self.folder / records.RESULT, result)
         self._mirror("finish", result)
         return result
 
@@ -68,13 +81,29 @@ class RunLog:
         return self._file.tell()
 
     def rewind(self, size: int) -> None:
-        """Cut `metrics.jsonl` back to where a checkpoint saw it: later rows will come again."""
-        self._file.truncate(size)
-        self._file.seek(size)
+        """Cut `metrics.jsonl` back to where a checkpoint saw it: later rows will come again.
+
+        Raises:
+            RunFolderError: If it is shorter than that: rows are lost.
+        """
+        if (found := self.size()) < size:
+            raise RunFolderError(
+                f"{self.folder / records.METRICS} holds {found} bytes, its checkpoint was taken at "
+                f"{size}: rows are lost. Put the file back, or start anew with resume=overwrite"
+            )
+        with _writing(self.folder / records.METRICS):
+            self._file.truncate(size)
+            self._file.seek(size)
 
     def save_checkpoint(self, state: Any) -> None:
-        """Write a checkpoint of this run."""
-        checkpoint.save(self.folder / "checkpoint", state)
+        """Write a checkpoint of this run; rows so far are on the disk before it is.
+
+        Raises:
+            RunFolderError: If it cannot be written; the earlier ones are then untouched.
+        """
+        with _writing(self.folder / "checkpoint"):
+            os.fsync(self._file.fileno())
+            checkpoint.save(self.folder / "checkpoint", state)
 
     def load_checkpoint(self) -> Any | None:
         """Return the newest whole checkpoint, or None; complain about damaged ones on stderr."""
@@ -98,6 +127,18 @@ class RunLog:
                 self._sinks.remove(sink)
                 name = type(sink).__name__
                 print(f"{name} failed and is switched off: {error}", file=sys.stderr)
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Turn what the system says against writing `path` into a message for the user."""
+    try:
+        yield
+    except OSError as error:
+        raise RunFolderError(
+            f"cannot write {path}: {error.strerror}. What was written before is whole; once that "
+            "is mended, the same command goes on from the last checkpoint"
+        ) from error
 
 
 class Console:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import platform
+import re
 import shutil
 import signal
 import subprocess
@@ -17,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from zoac import build, records
-from zoac.errors import RunFolderError
+from zoac.errors import ConfigError, RunFolderError
 from zoac.executor import Executor
 from zoac.locks import HeldError, locked
 from zoac.runlog import Console, RunLog, Sink
@@ -31,7 +33,21 @@ PACKAGES = (
 
 
 def run_folder(config: Mapping[str, Any], task: str, tuner: str) -> Path:
-    """Return `<runs_dir>/<task>/<tuner>/seed=<s>[/variant=<name>]`."""
+    """Return `<runs_dir>/<task>/<tuner>/seed=<s>[/variant=<name>]`.
+
+    Raises:
+        ConfigError: If `runs_dir` is empty or `variant` is no name of a folder.
+    """
+    if not config["runs_dir"].strip():
+        raise ConfigError(
+            f"runs_dir={config['runs_dir']!r}: expected a folder, such as runs, or . for this one"
+        )
+    variant = config["variant"] or ""
+    if "/" in variant:
+        usable = "-".join(re.findall("[^/.]+", variant)) or "mine"
+        raise ConfigError(
+            f"variant={variant!r}: expected the name of one folder, without /, such as {usable!r}"
+        )
     folder = Path(config["runs_dir"]) / task / tuner / f"seed={config['seed']}"
     return folder / f"variant={config['variant']}" if config["variant"] else folder
 
@@ -123,9 +139,12 @@ def execute(run: Run, folder: Path) -> dict[str, Any]:
 def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        (folder / ".lock").touch()
     except OSError as error:
+        too_long = error.errno == errno.ENAMETOOLONG
+        remedy = "give it a short name: variant=<name>" if too_long else "choose another runs_dir"
         raise RunFolderError(
-            f"cannot make the run folder {folder}: {error.strerror}; choose another runs_dir"
+            f"cannot make or use the run folder {folder}: {error.strerror}; {remedy}"
         ) from None
 
 

@@ -85,7 +85,7 @@ def test_an_unusable_runs_dir_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     done = zoac("runs_dir=file", cwd=tmp_path)
     assert done.returncode == 1
-    assert "cannot make the run folder file/pid_acc" in done.stderr
+    assert "cannot make or use the run folder file/pid_acc" in done.stderr
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
