@@ -1,30 +1,49 @@
 """Kill runs at random instants and see that they end on the same bits: `python -m stress.kills`.
 
 For every pair of tuner and task, and for each executor, one run goes through untouched and one is
-killed (SIGKILL) again and again at random instants and launched anew each time. The final result
-and all evaluation rows must be equal to the last bit, clocks excepted.
+killed (SIGKILL) again and again and launched anew each time: one kill in four anywhere while it
+starts, the others after it has moved on by at least one checkpoint. The final result and all
+evaluation rows must be equal to the last bit, clocks excepted. Runs are forked from this process,
+which has imported everything: else nearly all the time would go into imports. POSIX only.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
+import multiprocessing
 import os
 import random
-import signal
-import subprocess
+import shutil
 import sys
 import tempfile
 import time
+import traceback
+from dataclasses import dataclass
+from multiprocessing.context import ForkProcess
 from pathlib import Path
 from typing import Any
 
+from zoac import checkpoint, run
+from zoac.config import compose_config
 from zoac.records import is_done, read_metrics, read_result
 
-ROOT = Path(__file__).resolve().parents[1]
-BUDGETS = {"pid_acc": 20_000, "mpc_tracking": 4_000, "mpc_tracking_reg": 4_000}
+CONF = Path(__file__).resolve().parents[1] / "conf"
 CLOCKS = ("wall_seconds", "compute_seconds", "solver_seconds", "tuner_seconds",
           "evaluation_seconds", "checkpoint_seconds")  # fmt: skip
+EXECUTORS = {"serial": [], "process": ["executor.workers=2"]}
+COMMON = [
+    "budget=3000", "eval_every=600", "evaluation.episodes=2", "evaluation.final_episodes=2",
+    "checkpoint_seconds=0", "lanes=2", "task.max_episode_steps=40", "mpc_solver=riccati",
+    "variant=kills",
+]  # fmt: skip
+# Short iterations: a kill is worth more where there is a checkpoint between any two.
+SHORT = {
+    "zoac": ["tuner.segment_length=10", "tuner.segments=4"],
+    "zoac_plus": ["tuner.segment_length=10", "tuner.candidates=4"],
+    "es": ["tuner.population=2"],
+}
 
 
 def without_clocks(content: Any) -> str:
@@ -38,66 +57,136 @@ def outcome(folder: Path) -> list[str]:
     return [without_clocks(read_result(folder)), *map(without_clocks, rows)]
 
 
-def launch(arguments: list[str], folder: Path) -> subprocess.Popen[bytes]:
-    """Start one run, quietly, in a process group of its own."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "zoac.run", *arguments, f"runs_dir={folder}"],
-        cwd=ROOT,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
+def launch(arguments: list[str], folder: Path) -> ForkProcess:
+    """Start one run in `folder`, its output in a file there."""
+    folder.mkdir(exist_ok=True)
+    process = multiprocessing.get_context("fork").Process(target=_run, args=(arguments, folder))
+    process.start()
+    return process
 
 
-def one_pair(task: str, tuner: str, executor: list[str], kills: int, rng: random.Random) -> int:
+def _run(arguments: list[str], folder: Path) -> None:
+    output = os.open(folder / "output", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    sys.argv = ["zoac.run", *arguments, f"runs_dir={folder}"]
+    try:
+        run.main()
+    except BaseException as error:
+        if isinstance(error, SystemExit) and not error.code:
+            return
+        traceback.print_exc()
+        sys.stderr.flush()
+        os._exit(1)
+
+
+def finish(process: ForkProcess, folder: Path, what: str) -> None:
+    """Wait for a run; exit with its output if it failed."""
+    process.join()
+    if process.exitcode != 0:
+        sys.exit(f"{what}: exit status {process.exitcode}\n{(folder / 'output').read_text()}")
+
+
+def stamp(folder: Path) -> int:
+    """Return when the newest checkpoint was written; 0 if there is none."""
+    try:
+        return (folder / "checkpoint" / checkpoint.CURRENT).stat().st_mtime_ns
+    except FileNotFoundError:
+        return 0
+
+
+@dataclass
+class Tally:
+    """How often a run was killed, and how often after it had gone on from where it stood."""
+
+    kills: int = 0
+    under_way: int = 0
+
+
+def harass(arguments: list[str], runs: Path, inside: Path, tally: Tally, kills: int,
+           rng: random.Random, spans: tuple[float, float]) -> None:  # fmt: skip
+    """Run to the end through kills, until the tally holds `kills`.
+
+    Args:
+        arguments: Of the run.
+        runs: Its runs_dir.
+        inside: Its folder in there.
+        tally: Counted on.
+        kills: At most.
+        rng: Draws the instants.
+        spans: Seconds within which a starting run is killed, and one that has gone on.
+    """
+    while not is_done(runs / inside):
+        before = stamp(runs / inside)
+        process = launch(arguments, runs)
+        if tally.kills == kills:
+            finish(process, runs, f"{inside} after {kills} kills")
+            break
+        if rng.random() < 0.25:
+            process.join(rng.uniform(0.0, spans[0]))
+        else:
+            while stamp(runs / inside) == before and process.is_alive():
+                time.sleep(0.001)
+            process.join(rng.uniform(0.0, spans[1]))
+        if not process.is_alive():
+            finish(process, runs, f"{inside} after {tally.kills} kills")
+            break
+        process.kill()
+        process.join()
+        tally.kills += 1
+        tally.under_way += stamp(runs / inside) != before
+
+
+def one_pair(
+    task: str, tuner: str, executor: str, kills: int, rng: random.Random, keep: Path | None
+) -> Tally:
     """Return how often the run of this pair was killed; exits if the outcome differs."""
     arguments = [
-        f"task={task}", f"tuner={tuner}", *executor, f"budget={BUDGETS[task]}", "variant=kills",
-        f"eval_every={BUDGETS[task] // 4}", "evaluation.episodes=2", "evaluation.final_episodes=2",
-        "checkpoint_seconds=0.05", "lanes=4", "mpc_solver=riccati",
+        f"task={task}", f"tuner={tuner}", f"executor={executor}", *EXECUTORS[executor],
+        *COMMON, *SHORT.get(tuner, []),
     ]  # fmt: skip
+    inside = Path(task, tuner, "seed=0", "variant=kills")
     with tempfile.TemporaryDirectory() as temporary:
         whole, parts = Path(temporary, "whole"), Path(temporary, "parts")
         begun = time.monotonic()
-        process = launch(arguments, whole)
-        _, errors = process.communicate()
-        spent = time.monotonic() - begun
-        if process.returncode != 0:
-            sys.exit(f"{task} {tuner}: {errors.decode()}")
-        inside = Path(task, tuner, "seed=0", "variant=kills")
-        killed = 0
-        while not is_done(parts / inside):
-            process = launch(arguments, parts)
-            try:
-                # Most of the time goes into starting up: aim anywhere, and beyond the end.
-                wait = rng.uniform(0.3, 1.1) * spent if killed < kills else None
-                _, errors = process.communicate(timeout=wait)
-                if process.returncode != 0:
-                    sys.exit(f"{task} {tuner} after {killed} kills: {errors.decode()}")
-            except subprocess.TimeoutExpired:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.communicate()
-                killed += 1
-        if outcome(parts / inside) != outcome(whole / inside):
-            sys.exit(f"{task} {tuner} {executor}: the outcome differs after {killed} kills")
-    return killed
+        finish(launch(arguments, whole), whole, f"{task} {tuner}")
+        running = read_result(whole / inside)["wall_seconds"]
+        startup = time.monotonic() - begun - running
+        tally = Tally()
+        while tally.kills < kills:  # a run that was done sooner is harassed once more
+            harass(arguments, parts, inside, tally, kills, rng, (startup, running / kills))
+            if outcome(parts / inside) != outcome(whole / inside):
+                if keep is not None:
+                    shutil.copytree(temporary, keep, dirs_exist_ok=True)
+                sys.exit(f"{task} {tuner} {executor}: other bits after {tally.kills} kills")
+            shutil.rmtree(parts)
+    return tally
 
 
 def main() -> None:
     """Run all pairs."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--kills", type=int, default=30, help="kills of each run, at most")
-    parser.add_argument("--tasks", nargs="*", default=list(BUDGETS))
-    tuners = sorted(p.stem for p in (ROOT / "conf" / "tuner").glob("*.yaml"))
-    parser.add_argument("--tuners", nargs="*", default=[t for t in tuners if t != "nominal"])
+    choices = {group: sorted(p.stem for p in (CONF / group).glob("*.yaml"))
+               for group in ("task", "tuner")}  # fmt: skip
+    parser.add_argument("--kills", type=int, default=30, help="kills of each pair")
+    parser.add_argument("--tasks", nargs="*", default=choices["task"])
+    parser.add_argument("--tuners", nargs="*",
+                        default=[t for t in choices["tuner"] if t != "nominal"])  # fmt: skip
+    parser.add_argument("--executors", nargs="*", default=list(EXECUTORS))
+    parser.add_argument("--keep", type=Path, help="where the folders of a difference go")
     options = parser.parse_args()
+    importlib.import_module("zoac.session")
+    for group, names in (("task", options.tasks), ("tuner", options.tuners)):
+        for name in names:
+            target = compose_config([f"{group}={name}"])[group]["_target_"]
+            importlib.import_module(target.rpartition(".")[0])
     rng = random.Random(0)
-    for task in options.tasks:
-        for tuner in options.tuners:
-            for executor in (["executor=serial"], ["executor=process", "executor.workers=2"]):
-                killed = one_pair(task, tuner, executor, options.kills, rng)
-                pair = f"{task:17} {tuner:10} {executor[0]:17}"
-                print(f"{pair} {killed} kills: same bits", flush=True)
+    for executor in options.executors:
+        for task in options.tasks:
+            for tuner in options.tuners:
+                tally = one_pair(task, tuner, executor, options.kills, rng, options.keep)
+                print(f"{task:17} {tuner:10} {executor:8} {tally.kills} kills, "
+                      f"{tally.under_way} of them under way: same bits", flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":
