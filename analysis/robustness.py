@@ -45,10 +45,12 @@ class Variation:
     Args:
         plants: Value of each varied number on each plant, (P,) by name; the task's own plant first.
         costs: (P, E) by controller.
+        ranges: From which the plants were drawn, by name.
     """
 
     plants: Mapping[str, np.ndarray]
     costs: Mapping[str, np.ndarray]
+    ranges: Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,7 @@ def vary(
     return Variation(
         {name: np.concatenate([[own[name]], values]) for name, values in drawn.items()},
         dict(zip(points, costs, strict=True)),
+        ranges,
     )
 
 
@@ -262,8 +265,7 @@ def markdown(run: Run, varied: Variation | None, around: Sequence[Sensitivity]) 
     if varied is not None:
         plants, episodes = next(iter(varied.costs.values())).shape
         ranges = ", ".join(
-            f"{name} in [{number(v[1:].min())}, {number(v[1:].max())}]"
-            for name, v in varied.plants.items()
+            f"{name} in [{low:g}, {high:g}]" for name, (low, high) in varied.ranges.items()
         )
         parts += [
             f"Cost over {plants - 1} plants of {episodes} episodes each: {ranges}.",
@@ -302,7 +304,7 @@ def table(varied: Variation | None, around: Sequence[Sensitivity]) -> str:
 def draw(varied: Variation | None, around: Sequence[Sensitivity]) -> Figure:
     """Return a figure: cost against each varied number, and the sensitivity."""
     names = [] if varied is None else list(varied.plants)
-    figure = Figure(figsize=(style.PAGE, 2.2), layout="constrained")
+    figure = Figure(figsize=(style.PAGE, max(2.2, 0.5 + 0.16 * len(around))), layout="constrained")
     panels = figure.subplots(1, len(names) + 1, squeeze=False)[0]
     for axes, name in zip(panels, names, strict=False):
         assert varied is not None

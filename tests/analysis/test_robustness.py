@@ -46,8 +46,10 @@ def act(params, obs):
 def run(tmp_path):
     """Tuned to u = 1 by starting there and staying."""
     space = {"u": {"low": -1, "high": 3, "start": 1.0}, "idle": {"low": 0, "high": 1, "start": 0.5}}
-    zoac.tune(env=Gain, controller=act, space=space, tuner="nominal", budget=0, episodes=1,
-              final_episodes=4, max_episode_steps=3, quiet=True, folder=tmp_path / "run")  # fmt: skip
+    zoac.tune(
+        env=Gain, controller=act, space=space, tuner="nominal", budget=0, episodes=1,
+        final_episodes=4, max_episode_steps=3, quiet=True, folder=tmp_path / "run",
+    )  # fmt: skip
     return read(tmp_path / "run")
 
 
