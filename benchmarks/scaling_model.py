@@ -1,0 +1,304 @@
+"""How a tuner's throughput grows with lanes and workers: `python -m benchmarks.scaling_model`.
+
+A discrete-event model of synchronous iterations: the tuner asks, every worker steps its group of
+lanes through their segments, the slowest one ends the rollout, the tuner learns. It draws the
+figures of `docs/scaling.md` and, with `--measure`, is held to the executors themselves, driving an
+environment that sleeps instead of computing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from zoac.environment import ArrayLanes
+from zoac.executor import Executor, Serial
+from zoac.parameters import Parameter, ParameterSpace
+from zoac.process import Process
+from zoac.rollout import Proposal
+from zoac.task import Task
+
+FIGURES = Path(__file__).parents[1] / "docs" / "images"
+
+
+@dataclass(frozen=True)
+class Plant:
+    """What a step costs.
+
+    Args:
+        step: Seconds of one lane's environment step and control law.
+        spread: Standard deviation of a segment's duration over its mean, from simulators whose
+            steps take unequal time.
+        together: Whether lanes of one worker are stepped in one vectorised call that takes as long
+            as one lane's step, instead of one after the other.
+    """
+
+    step: float
+    spread: float = 0.0
+    together: bool = False
+
+
+@dataclass(frozen=True)
+class Costs:
+    """What the rest of an iteration costs, in seconds; `calibrate` measures all but the last.
+
+    Args:
+        message: To hand one worker its request and take its reply, in the main process.
+        proposal: To do so for each proposal in it.
+        vector_step: The engine's own time for a step of one worker's lanes side by side.
+        begin: The engine's own time to begin and end a segment.
+        learning: The tuner's own time for each environment step (critic, gradient).
+    """
+
+    message: float = 1e-3
+    proposal: float = 1.5e-4
+    vector_step: float = 1.7e-4
+    begin: float = 5e-5
+    learning: float = 1.2e-4
+
+
+def iteration_seconds(
+    plant: Plant,
+    costs: Costs,
+    lanes: int,
+    workers: int,
+    segment: int,
+    segments: int,
+    rng: np.random.Generator,
+) -> float:
+    """Return how long one iteration takes: one event per request sent, segment ended, reply taken.
+
+    Args:
+        plant: The simulator.
+        costs: The rest.
+        lanes: Lanes n.
+        workers: Processes or actors; 0: all lanes in the main process.
+        segment: Steps N of a segment.
+        segments: Segments H of a lane in an iteration.
+        rng: For the segments' durations.
+    """
+    groups = [len(g) for g in np.array_split(np.arange(lanes), min(workers, lanes) or 1)]
+    mean = plant.step * segment
+    ends = []
+    now = 0.0
+    for group in groups:
+        if workers:
+            now += costs.message / 2 + costs.proposal * group * segments / 2
+        durations = np.full((group, segments), mean)
+        if plant.spread:
+            # Gamma: positive, with the given spread; a simulator that stalls stalls for long.
+            durations = rng.gamma(plant.spread**-2, mean * plant.spread**2, durations.shape)
+        # Side by side: the slowest lane of each step counts. One after the other: they add up.
+        spent = durations.max(axis=0).sum() if plant.together else durations.sum()
+        engine = segments * (segment * costs.vector_step + group * costs.begin)
+        ends.append((now + spent + engine, group))
+    for end, group in sorted(ends):
+        now = max(now, end)
+        if workers:
+            now += costs.message / 2 + costs.proposal * group * segments / 2
+    return now + costs.learning * lanes * segment * segments
+
+
+def throughput(
+    plant: Plant,
+    costs: Costs,
+    lanes: int,
+    workers: int,
+    segment: int = 20,
+    segments: int = 5,
+    rounds: int = 50,
+) -> float:
+    """Return environment steps per second of wall clock, over `rounds` iterations."""
+    rng = np.random.default_rng(0)
+    spent = sum(
+        iteration_seconds(plant, costs, lanes, workers, segment, segments, rng)
+        for _ in range(rounds if plant.spread else 1)
+    )
+    return (rounds if plant.spread else 1) * lanes * segment * segments / spent
+
+
+class SleepingLanes(ArrayLanes):
+    """One number that nothing changes; a step takes `seconds` for each active lane."""
+
+    def __init__(self, n: int, seconds: float) -> None:
+        box = Box(-np.inf, np.inf, (1,), np.float64)
+        super().__init__(n, box, box, max_episode_steps=1_000_000)
+        self._seconds = seconds
+        self.arrays = {"x": np.zeros((n, 1))}
+
+    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
+        self.arrays["x"][lane] = 0.0
+
+    def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        time.sleep(self._seconds * self.num_envs)
+        return np.zeros(self.num_envs), np.full(self.num_envs, False)
+
+    def _observe(self) -> np.ndarray:
+        return self.arrays["x"].copy()
+
+
+class _Idle:
+    """A controller that does nothing."""
+
+    def init(self, n: int) -> dict[str, np.ndarray]:
+        return {}
+
+    def act(self, params: Any, obs: np.ndarray, memory: Any) -> Any:
+        return np.zeros((len(obs), 1)), memory, {}
+
+
+class SleepingTask(Task):
+    """A simulator that keeps a clock busy, not a core."""
+
+    space = ParameterSpace([Parameter("a", 0.0, 1.0)])
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+
+    def make_env(self, n: int) -> SleepingLanes:
+        return SleepingLanes(n, self._seconds)
+
+    def make_controller(self) -> _Idle:
+        return _Idle()
+
+
+def measured(executor: Executor, lanes: int, segment: int, segments: int, rounds: int) -> float:
+    """Return the least seconds of an iteration's rollout; the executor is started."""
+    plan = [Proposal(np.zeros(1), lane, segment) for _ in range(segments) for lane in range(lanes)]
+    executor.rollout(plan)
+    spent = []
+    for _ in range(rounds):
+        begun = time.perf_counter()
+        executor.rollout(plan)
+        spent.append(time.perf_counter() - begun)
+    return min(spent)
+
+
+def calibrate(rounds: int = 25) -> Costs:
+    """Return the costs of this machine, from rollouts of an environment that takes no time."""
+    lanes = 8
+    seconds = {}
+    for name, executor in (("serial", Serial()), ("process", Process(workers=1))):
+        executor.start(SleepingTask(0.0), lanes, seed=0)
+        for segment, segments in ((1, 1), (1, 33), (97, 1)):
+            seconds[name, segment, segments] = measured(executor, lanes, segment, segments, rounds)
+        executor.close()
+    vector_step = (seconds["serial", 97, 1] - seconds["serial", 1, 1]) / 96
+    begin = ((seconds["serial", 1, 33] - seconds["serial", 1, 1]) / 32 - vector_step) / lanes
+    wire = {n: seconds["process", 1, n] - seconds["serial", 1, n] for n in (1, 33)}
+    proposal = (wire[33] - wire[1]) / (lanes * 32)
+    return Costs(max(0.0, wire[1] - lanes * proposal), proposal, vector_step, begin, 0.0)
+
+
+def compare(worker_counts: Sequence[int], rounds: int) -> list[float]:
+    """Print measured and modelled seconds of iterations; return their ratios."""
+    costs = calibrate()
+    print(costs)
+    ratios = []
+    lanes, segment, segments = 8, 10, 2
+    for asked in (5e-4, 2e-3, 1e-2):
+        # A sleep oversleeps: what it really takes is an input of the model.
+        slept = []
+        for _ in range(30):
+            begun = time.perf_counter()
+            time.sleep(asked * lanes)
+            slept.append(time.perf_counter() - begun)
+        plant = Plant(min(slept) / lanes)
+        for workers in worker_counts:
+            executor: Executor = Process(workers=workers) if workers else Serial()
+            executor.start(SleepingTask(asked), lanes, seed=0)
+            found = measured(executor, lanes, segment, segments, rounds)
+            executor.close()
+            rng = np.random.default_rng(0)
+            told = iteration_seconds(plant, costs, lanes, workers, segment, segments, rng)
+            ratios.append(found / told)
+            print(
+                f"step {asked:.0e} s, {workers or 'no'} workers: measured {found:.4f} s, "
+                f"model {told:.4f} s, ratio {found / told:.2f}",
+                flush=True,
+            )
+    return ratios
+
+
+def draw(costs: Costs, folder: Path = FIGURES) -> None:
+    """Write the figures of `docs/scaling.md`."""
+    import matplotlib as mpl
+
+    mpl.use("svg")
+    mpl.rcParams.update(
+        {"svg.hashsalt": "zoac", "svg.fonttype": "none", "axes.titlesize": "medium"}
+    )
+    import matplotlib.pyplot as plt
+
+    folder.mkdir(parents=True, exist_ok=True)
+    counts = np.array([1, 2, 4, 8, 16, 32, 64, 128, 256])
+
+    figure, axes = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
+    for step in (1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0):
+        plant = Plant(step)
+        alone = throughput(plant, costs, 256, 0)
+        ups = [throughput(plant, costs, 256, int(w)) / alone for w in counts]
+        axes[0].loglog(counts, ups, marker=".", label=f"{step:g} s")
+    axes[0].loglog(counts, counts, color="0.6", linestyle=":", label="ideal")
+    axes[0].set(
+        xlabel="workers", ylabel="speed-up over one process", title="256 lanes, equal steps"
+    )
+    axes[0].legend(title="one step takes", fontsize=7, title_fontsize=7)
+    for spread in (0.0, 0.2, 0.5, 1.0, 2.0):
+        plant = Plant(0.1, spread)
+        alone = throughput(plant, costs, 256, 0)
+        ups = [throughput(plant, costs, 256, int(w)) / alone for w in counts]
+        axes[1].loglog(counts, ups, marker=".", label=f"{spread:g}")
+    axes[1].loglog(counts, counts, color="0.6", linestyle=":")
+    axes[1].set(xlabel="workers", title="256 lanes, 0.1 s a step, unequal segments")
+    axes[1].legend(title="spread of a segment", fontsize=7, title_fontsize=7)
+    _save(figure, folder / "scaling_workers.svg")
+
+    figure, axes = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
+    budget = 500_000
+    for step in (1e-4, 1e-3, 1e-2, 1e-1, 1.0):
+        plant = Plant(step)
+        hours = [budget / throughput(plant, costs, 256, int(w)) / 3600 for w in counts]
+        (line,) = axes[0].loglog(counts, hours, marker=".", label=f"{step:g} s")
+        ten = budget / throughput(plant, costs, 10, 10) / 3600
+        axes[0].loglog([10], [ten], "o", color=line.get_color(), fillstyle="none")
+    axes[0].set(
+        xlabel="workers", ylabel="hours", title="500,000 steps, 256 lanes (o: 10 lanes, 10 workers)"
+    )
+    axes[0].legend(title="one step takes", fontsize=7, title_fontsize=7)
+    some = np.array([1, 2, 4, 10, 20, 50, 100, 256])
+    for segment, segments in ((5, 1), (10, 4), (20, 5)):
+        updates = budget / (some * segment * segments)
+        axes[1].loglog(some, updates, marker=".", label=f"N = {segment}, H = {segments}")
+    axes[1].set(xlabel="lanes", ylabel="updates of the parameters", title="what 500,000 steps buy")
+    axes[1].legend(fontsize=7)
+    _save(figure, folder / "scaling_time.svg")
+
+
+def _save(figure: Any, path: Path) -> None:
+    figure.savefig(path, metadata={"Date": None})
+    print(path)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--measure", action="store_true", help="hold the model to the executors")
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--out", type=Path, default=FIGURES)
+    options = parser.parse_args()
+    if options.measure:
+        ratios = compare((0, 1, 2, 4, 8), options.rounds)
+        print(f"measured / model: from {min(ratios):.2f} to {max(ratios):.2f}")
+        return
+    draw(Costs(), options.out)
+
+
+if __name__ == "__main__":
+    main()
