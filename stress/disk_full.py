@@ -1,4 +1,4 @@
-"""Runs on a disk that fills up: `python -m stress.disk_full` (as root, on Linux: it mounts a tmpfs).
+"""Runs on a disk that fills up: `python -m stress.disk_full` (root on Linux: it mounts a tmpfs).
 
 The disk is filled while rows are logged, while checkpoints are written, and before the result is.
 The run must stop with a message and leave a readable folder; once there is room again it must end
@@ -91,7 +91,7 @@ class FillingLog(RunLog):
 
 
 def stopped_by_a_full_disk(disk: Path, moment: str, train: Any) -> str:
-    """Run until the disk is full, see that the folder can be read, free the disk; return the message.
+    """Run until the disk is full, see that the folder can be read, free it; return what it says.
 
     Args:
         disk: From `small_disk`.
@@ -120,7 +120,7 @@ def main() -> None:
         expected = numbers(train_in(Path(whole), RunLog))
     for moment in ("row", "checkpoint", "result"):
         with small_disk() as disk:
-            said = stopped_by_a_full_disk(disk, moment, lambda make: train_in(disk / "run", make))  # noqa: B023
+            said = stopped_by_a_full_disk(disk, moment, lambda make: train_in(disk / "run", make))
             if numbers(train_in(disk / "run", RunLog)) != expected:
                 sys.exit(f"full at a {moment}: other bits")
         print(f"full at a {moment}: same bits after\n  {said}")

@@ -189,6 +189,7 @@ def tune(
     vary: Mapping[str, Bounds] | None = None,
     trust: float | None = None,
     gate: float | None = None,
+    failure_penalty: float | None = None,
     tuner_options: Mapping[str, Any] | None = None,
     executor: str = "serial",
     eval_every: int | None = None,
@@ -226,6 +227,8 @@ def tune(
             are nearly right): sets how far the tuner searches around them.
         gate: Share of the budget, such as 0.2, for held-out episodes on which the answer must beat
             the start values; else they stay. `result.record["gate"]` tells.
+        failure_penalty: Cost of a step at which the controller raises or acts with what is not a
+            finite action, which ends the episode; None: that ends the run with a message.
         tuner_options: By name, such as {"sigma": 0.05}.
         executor: "serial" or "process".
         eval_every: Steps between evaluations; None: a tenth of the budget.
@@ -260,7 +263,9 @@ def tune(
         options.setdefault("start", "nominal")
     _set(config, "tuner", options, f"tuner {tuner!r}")
     config.seed, config.budget, config.lanes = seed, budget, lanes
-    config.trust, config.gate = trust, gate
+    config.trust, config.gate, config.failure_penalty = trust, gate, failure_penalty
+    if failure_penalty is not None:
+        the_task.failure_penalty = failure_penalty
     config.eval_every = eval_every or max(1, budget // 10)
     config.evaluation.episodes, config.evaluation.final_episodes = episodes, final_episodes
     plain = resolved(config)

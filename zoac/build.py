@@ -42,14 +42,17 @@ def _call(node: Mapping[str, Any], where: str, provided: Mapping[str, Any]) -> A
 
 def build_task(config: Mapping[str, Any]) -> Task:
     """Return the task of a resolved configuration."""
-    return build(config["task"], "task")
+    task = build(config["task"], "task")
+    if (penalty := config.get("failure_penalty")) is not None:
+        task.failure_penalty = penalty
+    return task
 
 
 def build_settings(config: Mapping[str, Any]) -> Settings:
     """Return the trainer's settings of a resolved configuration."""
     evaluation = config["evaluation"]
     top = {k: config[k] for k in ("seed", "budget", "lanes", "eval_every", "checkpoint_seconds")}
-    top |= {k: config[k] for k in ("trust", "gate") if config.get(k) is not None}
+    top |= {k: config[k] for k in ("trust", "gate", "failure_penalty") if config.get(k) is not None}
     check_arguments(Settings, top, "")
     inner = {
         "episodes": evaluation["episodes"],

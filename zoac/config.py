@@ -82,6 +82,7 @@ class RunSchema:
     variant: str | None = None
     trust: float | None = None
     gate: float | None = None
+    failure_penalty: float | None = None
     resume: Resume = Resume.auto
     search: Any = None  # of `zoac.search`; no part of a run
 
@@ -120,7 +121,7 @@ def compose_config(overrides: Sequence[str]) -> DictConfig:
     try:
         with _hydra():
             return compose("run", overrides=list(overrides), return_hydra_config=True)
-    except (HydraException, OmegaConfBaseException) as error:
+    except Exception as error:  # Hydra answers some odd overrides with a ValueError, say
         raise ConfigError(explain(error, overrides)) from error
 
 
@@ -193,11 +194,12 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
         if f"Could not find 'hydra/launcher/{launcher}'" in text:
             return f"the launcher {launcher} is not installed: pip install 'zoac[{extra}]'"
     for override in overrides:
-        key, _, value = override.lstrip("+~").partition("=")
+        key = override.lstrip("+~").partition("=")[0]
         if f"override '{key}'" in text and "To append to your config" in text:
             return f"unknown key {key!r} in {override!r}; {_siblings(key)}"
-        if key in GROUPS and f"Could not find '{key}/{value}'" in text:
-            return f"unknown {key} {value!r}; {suggest(value, _choices(key))}"
+    if found := re.search(r"Could not find '(?:hydra/)?(\w+)/(\S*)'", text):
+        group = found[0].split("'")[1].removesuffix(f"/{found[2]}")
+        return f"unknown {group} {found[2]!r}; {suggest(found[2], _choices(group))}"
     return text
 
 

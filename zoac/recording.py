@@ -44,7 +44,13 @@ class Recording:
         self._actions[row] = actions
         self._costs[row] = costs
         for name, value in diagnostics.items():
+            if name not in self._diagnostics:  # every controller failed before
+                shape = (len(self._costs), *np.shape(value))
+                self._diagnostics[name] = np.zeros(shape, np.asarray(value).dtype)
             self._diagnostics[name][row] = value
+        if len(diagnostics) != len(self._diagnostics):  # every controller failed now
+            for name in self._diagnostics.keys() - diagnostics.keys():
+                self._diagnostics[name][row] = 0
         self.rows = row + 1
 
     def _grow(self) -> None:

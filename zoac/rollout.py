@@ -118,6 +118,8 @@ class LaneGroup:
         self._needs_reset = np.ones(self.n, dtype=bool)
         self._steps = np.zeros(self.n, dtype=np.int64)  # since the start of the episode
         self._everyone = np.arange(self.n)
+        self._penalty = task.failure_penalty
+        self._failed = np.zeros(self.n, dtype=bool)  # lanes whose controller failed at this step
         # One contiguous row of n values per parameter.
         self._values = np.zeros((len(self._space.names), self.n))
         self._parameters = dict(zip(self._space.names, self._values, strict=True))
@@ -126,7 +128,8 @@ class LaneGroup:
         """Run all proposals; return their segments in the same order.
 
         Raises:
-            ControllerError: If the controller raises or returns unusable actions.
+            ControllerError: If the controller raises or returns unusable actions, unless the task
+                has a `failure_penalty`: then that step ends the episode and costs so much.
         """
         values = self._space.values(np.stack([p.z for p in proposals])) if proposals else None
         queues: list[deque[int]] = [deque() for _ in range(self.n)]
@@ -154,12 +157,17 @@ class LaneGroup:
             begin(lane)
         while active.any():
             everyone = bool(active.all())
+            self._failed[:] = False
             actions, diagnostics = self._act(None if everyone else np.flatnonzero(active))
             before = self._observations
             self._observations, _, terminated, truncated, infos = self._env.step(
                 actions, None if everyone else active
             )
-            record.append(before, actions, infos["cost"], diagnostics)
+            costs = infos["cost"]
+            if self._failed.any():
+                terminated, truncated = terminated | self._failed, truncated & ~self._failed
+                costs = np.where(self._failed, self._penalty, costs)
+            record.append(before, actions, costs, diagnostics)
             self._steps += active
             remaining -= 1
             over = (terminated | truncated | (remaining == 0)) & active
@@ -242,6 +250,36 @@ class LaneGroup:
         memory: Mapping[str, np.ndarray],
         lanes: np.ndarray,
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]:
+        """Ask the controller; with a penalty, a lane whose controller fails acts with zero."""
+        try:
+            return self._checked_call(parameters, observations, memory, lanes)
+        except ControllerError:
+            if self._penalty is None:
+                raise
+            if len(lanes) == 1:
+                self._failed[lanes] = True
+                return np.zeros((1, *self._action_shape)), memory, {}
+        # Which lane it was is seen by asking one at a time.
+        parts = []
+        for row in range(len(lanes)):
+            one = slice(row, row + 1)
+            parts.append(
+                self._call(
+                    {name: value[one] for name, value in parameters.items()},
+                    observations[one],
+                    {name: value[one] for name, value in memory.items()},
+                    lanes[one],
+                )
+            )
+        return _joined(parts)
+
+    def _checked_call(
+        self,
+        parameters: Mapping[str, np.ndarray],
+        observations: np.ndarray,
+        memory: Mapping[str, np.ndarray],
+        lanes: np.ndarray,
+    ) -> tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]:
         """Ask the controller, and see that its actions can be used."""
         try:
             actions, memory, diagnostics = self._controller.act(parameters, observations, memory)
@@ -308,6 +346,20 @@ class LaneGroup:
     def close(self) -> None:
         """Release the environment."""
         self._env.close()
+
+
+def _joined(
+    parts: Sequence[tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]],
+) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return what lanes answered one by one; diagnostics are zero where one failed."""
+    actions = np.concatenate([a for a, _, _ in parts])
+    memory = {name: np.concatenate([m[name] for _, m, _ in parts]) for name in parts[0][1]}
+    examples = {name: np.asarray(value) for _, _, d in parts for name, value in d.items()}
+    diagnostics = {
+        name: np.concatenate([np.asarray(d.get(name, np.zeros_like(v))) for _, _, d in parts])
+        for name, v in examples.items()
+    }
+    return actions, memory, diagnostics
 
 
 def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -26,6 +26,8 @@ from zoac.usage import usage
 
 # Where Hydra's callback, which may be of a second copy of this module, tells `main` of a sweep.
 _SWEEP = "ZOAC_SWEEP"
+# Not empty once a configuration has been composed: what is raised before is about the overrides.
+_composed: list[bool] = []
 
 
 class SweepStart(Callback):
@@ -47,6 +49,7 @@ class SweepStart(Callback):
 @hydra.main(config_path="pkg://zoac.conf", config_name="run", version_base="1.3")
 def _job(config: DictConfig) -> None:
     """One run, or one job of a sweep."""
+    _composed.append(True)
     job = HydraConfig.get()
     if job.mode is not RunMode.MULTIRUN:
         try:
@@ -93,6 +96,7 @@ def main() -> None:
     if os.getcwd() not in sys.path:  # `zoac` instead of `python -m zoac.run`: a user's modules
         sys.path.insert(0, os.getcwd())
     gave_up = ""
+    _composed.clear()
     try:
         check_overrides([a for a in arguments if not a.startswith("-")])
         _job()
@@ -104,6 +108,8 @@ def main() -> None:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
     except Exception as error:
+        if not _composed:  # Hydra answers some odd overrides with a ValueError, say
+            sys.exit(f"error: {explain(error, arguments)}")
         if _SWEEP not in os.environ:
             raise
         # Jobs do not raise: it is the launcher, whose job has died.

@@ -115,6 +115,9 @@ class Task(ABC):
     constraints: tuple[Constraint, ...] = ()
     fixed: Mapping[str, float] = {}
     """Parameters that the controller has beside those in `space`, by name."""
+    failure_penalty: float | None = None
+    """Cost of a step at which the controller raises, or acts with what is not finite or of the
+    wrong shape; it ends the episode. None: such a controller ends the run, with a message."""
     nominal: Mapping[str, Any] | None = None
     """Reference parameters that are not tuned, for tasks that have them."""
 

@@ -41,6 +41,7 @@ class Settings:
         checkpoint_seconds: Wall seconds between checkpoints.
         trust: How far the start values are trusted, from 0 to 1; see `zoac.gate.trusted`.
         gate: Share of the budget for proof that the answer beats the start; see `zoac.gate.Gate`.
+        failure_penalty: The task's, see `zoac.task.Task`; here to be checked with the rest.
     """
 
     seed: Annotated[int, Field(ge=0)] = 0
@@ -53,6 +54,7 @@ class Settings:
     checkpoint_seconds: Annotated[float, Field(ge=0)] = 30.0
     trust: Annotated[float, Field(ge=0, le=1)] | None = None
     gate: Annotated[float, Field(gt=0, lt=1)] | None = None
+    failure_penalty: float | None = None
 
 
 @dataclass
