@@ -46,13 +46,13 @@ def results(runs):
 
 
 def running_note(runs, job):
-    """Wait until a job says that it runs and has logged something; return its note."""
-    deadline = time.monotonic() + 60
+    """Wait until a job says that it runs and there is a checkpoint; return its note."""
+    deadline = time.monotonic() + 120
     while time.monotonic() < deadline:
         for path in Path(runs).glob(".sweeps/*/[0-9]*.json"):
             note = json.loads(path.read_text())
-            logged = [p for p in Path(runs).rglob("metrics.jsonl") if p.stat().st_size > 0]
-            if job in note["job"] and note["state"] == "running" and logged:
+            begun = list(Path(runs).rglob("current.ckpt"))
+            if job in note["job"] and note["state"] == "running" and begun:
                 return note
         time.sleep(0.01)
     raise AssertionError(f"no job {job} has begun")

@@ -53,7 +53,8 @@ def test_every_launcher_gives_the_same_numbers_and_tells_of_failures(
 def test_a_job_that_dies_is_told(tmp_path):
     needs("joblib")
     arguments = [*SMALL, "launcher=joblib", "hydra.launcher.n_jobs=2", "seed=0,1"]
-    process = start("-m", *arguments, "budget=100000000", cwd=tmp_path)
+    endless = ["budget=100000000", "eval_every=100000000", "checkpoint_seconds=0"]
+    process = start("-m", *arguments, *endless, cwd=tmp_path)
     victim = running_note(tmp_path / "runs", "seed=1")["pid"]
     os.kill(victim, signal.SIGKILL)
     code, _, err = finish(process)
@@ -78,8 +79,9 @@ def test_a_preempted_job_is_requeued_and_ends_on_the_same_bits(tmp_path):
     os.kill(running_note(tmp_path / "parts" / "runs", "seed=0")["pid"], signal.SIGUSR2)
     code, _, err = finish(process)
     assert code == 0, err
-    logs = [p.read_text() for p in (tmp_path / "parts").rglob("*_log.out")]
-    assert "Requeued job" in "".join(logs)
+    log = "".join(p.read_text() for p in (tmp_path / "parts").rglob("*_log.out"))
+    assert "Requeued job" in log
+    assert log.count("| 0/40,000 steps |") == 1  # it went on, and did not begin anew
     assert results(tmp_path / "parts" / "runs") == results(tmp_path / "whole" / "runs")
 
 

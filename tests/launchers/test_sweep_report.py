@@ -36,12 +36,11 @@ def test_a_signal_is_noted_and_goes_on(tmp_path):
 
 
 def test_a_job_knows_that_it_has_begun_before(tmp_path):
-    with noted(tmp_path, 0, ["seed=0"]) as again:
-        assert not again
-    with noted(tmp_path, 1, ["seed=1"]) as again:
-        assert not again
-    with noted(tmp_path, 0, ["seed=0"]) as again:
-        assert again
+    known = []
+    for number in (0, 1, 0):
+        with noted(tmp_path, number, [f"seed={number}"]) as again:
+            known.append(again)
+    assert known == [False, False, True]
 
 
 def test_a_dead_process_is_told_from_one_that_still_runs(tmp_path):
