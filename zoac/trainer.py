@@ -19,6 +19,7 @@ from zoac.evaluation import evaluation_proposals, evaluation_row
 from zoac.executor import Executor
 from zoac.rollout import Segment
 from zoac.runlog import RunLog
+from zoac.seeding import stream_seed
 from zoac.task import Task
 from zoac.tuner import Tuner
 
@@ -71,6 +72,7 @@ class Progress:
     evaluation_seconds: float = 0.0
     checkpoint_seconds: float = 0.0
     solver_failures: int = 0
+    lane_restarts: int = 0
     log_bytes: int = field(default=0)
 
 
@@ -89,6 +91,7 @@ class Trainer:
         settings: Settings,
         log: RunLog,
         stop_requested: Callable[[], bool] = lambda: False,
+        save_lanes: bool = True,
     ) -> None:
         """
         Args:
@@ -98,10 +101,11 @@ class Trainer:
             settings: Seed, budget and evaluation.
             log: Where rows, checkpoints and the result go.
             stop_requested: Asked between iterations; True ends the run with a checkpoint.
+            save_lanes: False: lanes cannot be saved, so that a resumed run begins new episodes.
         """
         self._task, self._tuner, self._executor = task, tuner, executor
         self._settings, self._log = settings, log
-        self._stop_requested = stop_requested
+        self._stop_requested, self._save_lanes = stop_requested, save_lanes
         self._constraints = FeasibilityFirst(task.constraints)
         self.progress = Progress()
         self._wall_start = self._last_checkpoint = time.perf_counter()
@@ -175,6 +179,7 @@ class Trainer:
             "compute_seconds": self._compute_seconds(),
             **{f"{part}_seconds": progress[f"{part}_seconds"] for part in _PARTS},
             "solver_failures": progress["solver_failures"],
+            "lane_restarts": progress["lane_restarts"],
             **self._tuner.outcome(),
         }
         return self._log.finish(result)
@@ -230,7 +235,7 @@ class Trainer:
         return {
             "progress": progress,
             "tuner": self._tuner.state(),
-            "lanes": self._executor.state(),
+            "lanes": self._executor.state() if self._save_lanes else None,
             "constraints": self._constraints.state(),
         }
 
@@ -240,10 +245,21 @@ class Trainer:
             return
         self.progress = Progress(**state["progress"])
         self._tuner.restore(state["tuner"])
-        self._executor.restore(state["lanes"])
+        if state["lanes"] is not None:
+            self._executor.restore(state["lanes"])
+        else:
+            self._begin_new_episodes()
         if "constraints" in state:  # a checkpoint of version 0.1.0 has none
             self._constraints.restore(state["constraints"])
         self._log.rewind(self.progress.log_bytes)
+
+    def _begin_new_episodes(self) -> None:
+        """Start lanes anew, from seeds that no earlier start of this run had."""
+        self.progress.lane_restarts += 1
+        settings = self._settings
+        seed = stream_seed(settings.seed, "restart", self.progress.lane_restarts)
+        self._executor.close()
+        self._executor.start(self._task, settings.lanes, seed)
 
 
 _PARTS = ("solver", "tuner", "evaluation", "checkpoint")

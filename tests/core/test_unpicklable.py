@@ -1,0 +1,60 @@
+"""An environment that pickle does not take: a warning, and new episodes at a resume."""
+
+import json
+
+import pytest
+
+import zoac
+from tests.core.test_adapters import Drift
+from zoac import checkpoint
+from zoac.trainer import Trainer
+
+
+def proportional(params, obs):
+    return -params["k"] * obs[0]
+
+
+def tune(folder, env):
+    return zoac.tune(
+        env=env, controller=proportional, space={"k": (0, 2)}, budget=200, lanes=2, episodes=1,
+        final_episodes=2, quiet=True, max_episode_steps=10, folder=folder,
+    )  # fmt: skip
+
+
+def local_env():
+    class Local(Drift):
+        def __init__(self):
+            self.noise = lambda: 0.0
+
+    return Local()
+
+
+def stopped(folder, env, monkeypatch):
+    """Tune, and stop after the second iteration as by Ctrl-C."""
+    original = Trainer.__init__
+
+    def init(self, *arguments, **options):
+        original(self, *arguments, **options)
+        calls = iter(range(1000))
+        self._stop_requested = lambda: next(calls) == 1
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Trainer, "__init__", init)
+        with pytest.raises(KeyboardInterrupt):
+            tune(folder, env)
+
+
+def test_it_is_said_at_the_start_and_counted_in_the_result(tmp_path, monkeypatch, capsys):
+    stopped(tmp_path / "run", local_env, monkeypatch)
+    assert "cannot be saved" in capsys.readouterr().err
+    state, _ = checkpoint.load(tmp_path / "run" / "checkpoint")
+    assert state["lanes"] is None
+    tune(tmp_path / "run", local_env)
+    assert json.loads((tmp_path / "run" / "result.json").read_text())["lane_restarts"] == 1
+
+
+def test_one_that_can_be_saved_is_not_restarted(tmp_path, monkeypatch, capsys):
+    stopped(tmp_path / "run", Drift, monkeypatch)
+    assert "cannot be saved" not in capsys.readouterr().err
+    tune(tmp_path / "run", Drift)
+    assert json.loads((tmp_path / "run" / "result.json").read_text())["lane_restarts"] == 0
