@@ -98,7 +98,8 @@ class GymnasiumLanes(LaneEnv):
                 self._draws[lane] = stream(int(lane_seed), "plant")
             for name, (low, high) in self._vary.items():
                 _set_plant(self._envs[lane], name, float(self._draws[lane].uniform(low, high)))
-            observation, _ = self._envs[lane].reset(seed=short, options=options or None)
+            result = self._envs[lane].reset(seed=short, options=options or None)
+            observation, _ = _parts(result, "reset", ("observation", "info"))
             self._see(lane, observation)
             self._steps[lane] = 0
         return self._seen.copy(), {}
@@ -112,9 +113,14 @@ class GymnasiumLanes(LaneEnv):
         for lane in range(n) if mask is None else np.flatnonzero(mask).tolist():
             action = env_action(self._envs[lane].action_space, actions[lane])
             result = self._envs[lane].step(action)
-            observation, reward, terminated[lane], cut, info = result
+            observation, reward, terminated[lane], cut, info = _parts(result, "step", _STEP)
             self._see(lane, observation)
             cost[lane] = info.get("cost", -float(reward))
+            if not np.isfinite(cost[lane]):
+                raise EnvironmentContractError(
+                    f"the environment's step gave the cost {cost[lane]} (reward {reward!r}), "
+                    "expected a finite number"
+                )
             self._steps[lane] += 1
             over_time = self._steps[lane] >= self.max_episode_steps
             truncated[lane] = (cut or over_time) and not terminated[lane]
@@ -126,6 +132,11 @@ class GymnasiumLanes(LaneEnv):
             raise EnvironmentContractError(
                 f"the environment returned an observation of {flat.size} numbers, expected "
                 f"{self._seen.shape[1]} as its observation_space says"
+            )
+        if not np.isfinite(flat).all():
+            raise EnvironmentContractError(
+                f"the environment returned the observation {flat.tolist()}; every number must be "
+                "finite"
             )
         self._seen[lane] = flat
 
@@ -183,6 +194,20 @@ def _range(name: str, bounds: Bounds) -> tuple[float, float]:
     if len(bounds) != 2 or not bounds[0] <= bounds[1]:
         raise ConfigError(f"vary.{name}={list(bounds)}: expected [low, high]")
     return float(bounds[0]), float(bounds[1])
+
+
+_STEP = ("observation", "reward", "terminated", "truncated", "info")
+
+
+def _parts(result: Any, method: str, expected: tuple[str, ...]) -> tuple[Any, ...]:
+    """Return what an environment's method returned, if it has the parts that Gymnasium asks for."""
+    if isinstance(result, tuple) and len(result) == len(expected) and isinstance(result[-1], dict):
+        return result
+    found = f"{len(result)} values" if isinstance(result, tuple) else type(result).__name__
+    raise EnvironmentContractError(
+        f"the environment's {method} returned {found}, expected ({', '.join(expected)}), info a "
+        "dict; an environment of the old Gym must be wrapped"
+    )
 
 
 class ScalarController:
