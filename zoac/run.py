@@ -108,9 +108,10 @@ def main() -> None:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
     except Exception as error:
-        if not _composed:  # Hydra answers some odd overrides with a ValueError, say
+        sweeping = _SWEEP in os.environ and sweep.has_begun(Path(os.environ[_SWEEP]))
+        if not _composed and not sweeping:  # Hydra answers some odd overrides with a ValueError
             sys.exit(f"error: {explain(error, arguments)}")
-        if _SWEEP not in os.environ:
+        if not sweeping:
             raise
         # Jobs do not raise: it is the launcher, whose job has died.
         gave_up = f"\nthe launcher gave up: {type(error).__name__}: {error}"

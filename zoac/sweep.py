@@ -58,6 +58,11 @@ def noted(folder: Path, number: int, overrides: Sequence[str]) -> Iterator[bool]
         write_json(path, {**note, "state": DONE})
 
 
+def has_begun(folder: Path) -> bool:
+    """Tell whether any job of the sweep has."""
+    return any(folder.glob("[0-9]*.json"))
+
+
 def report(folder: Path) -> tuple[str, bool]:
     """Return what became of a sweep's jobs, in words, and whether all that began are done.
 
