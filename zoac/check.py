@@ -19,10 +19,10 @@ from zoac.errors import ZoacError
 from zoac.rollout import LaneGroup, Proposal, Segment
 from zoac.task import Memory, Task
 
-STEPS = 60
+STEPS = 120
 """Steps of an episode that are looked at."""
 
-DRAWS = 8
+DRAWS = 16
 """Parameter sets that are tried."""
 
 SLOW = 0.1
@@ -162,13 +162,14 @@ def dead_parameters(task: Task) -> Found:
     """Every parameter changes the action somewhere."""
     segments = _segments(task)
     alive = dict.fromkeys(task.space.names, False)
-    others = task.space.values(_draws(task, DRAWS, first=DRAWS))
-    for segment, other in zip(segments, others, strict=True):
+    others = _alternatives(task)
+    for segment in segments:
         base = _replayed(task, segment)
         for i, name in enumerate(task.space.names):
-            if not alive[name]:
-                changed = _replayed(task, segment, (i, float(other[i])))
-                alive[name] = not np.array_equal(base, changed)
+            for other in others[i]:
+                if not alive[name]:
+                    changed = _replayed(task, segment, (i, other))
+                    alive[name] = not np.array_equal(base, changed)
     dead = [name for name, lives in alive.items() if not lives]
     if dead:
         looked = f"in {DRAWS} episodes of {STEPS} steps"
@@ -212,12 +213,21 @@ def _draws(task: Task, n: int, first: int = 0) -> np.ndarray:
     return np.random.default_rng(first).uniform(-0.9, 0.9, (n, task.space.dimension))
 
 
+def _alternatives(task: Task) -> list[list[float]]:
+    """Return values to try for each parameter: both ends, and some between; of choices, all."""
+    d = task.space.dimension
+    z = np.concatenate([_draws(task, 2), [np.full(d, -1.0), np.full(d, 1.0)], np.eye(d)])
+    return [sorted(set(column)) for column in task.space.values(z).T.tolist()]
+
+
 def _segments(task: Task) -> list[Segment]:
-    """Return the beginnings of episodes under different parameters."""
+    """Return the beginnings of episodes under different parameters, the start values first."""
+    z = _draws(task, DRAWS)
+    if task.nominal is not None:
+        z[0] = task.space.unit(task.nominal)
     group = LaneGroup(task, range(DRAWS), list(range(100, 100 + DRAWS)))
     try:
-        draws = enumerate(_draws(task, DRAWS))
-        return group.rollout([Proposal(z, lane, horizon=STEPS) for lane, z in draws])
+        return group.rollout([Proposal(z[k], k, horizon=STEPS) for k in range(DRAWS)])
     finally:
         group.close()
 

@@ -47,6 +47,7 @@ def test_a_small_run_keeps_its_budget_and_recommends_inside_the_box(tuner, task,
     assert np.isfinite(result["cost_mean"])
     assert np.abs(result["z"]).max() <= 1.0
     for p in the_task.space.parameters:
-        assert p.low <= result["parameters"][p.name] <= p.high
+        value = result["parameters"][p.name]
+        assert value in p.options if p.options else p.low <= value <= p.high
     rows = read_metrics(tmp_path)
     assert all(np.isfinite(v) for row in rows for v in row.values() if isinstance(v, float))

@@ -1,0 +1,72 @@
+"""A double integrator with quadratic cost, vectorised over lanes.
+
+x = (position [m], speed [m/s]), x' = A x + B u + w with u [m/s^2] and w ~ N(0, I noise^2) at every
+step; cost x'Q x + u'R u at the state before the step. Observation (2): x. Action (1): u.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from gymnasium.spaces import Box
+from scipy.linalg import solve_discrete_are
+
+from zoac.environment import ArrayLanes
+
+SAMPLE_TIME = 0.1  # [s]
+A = np.array([[1.0, SAMPLE_TIME], [0.0, 1.0]])
+B = np.array([[0.5 * SAMPLE_TIME**2], [SAMPLE_TIME]])
+Q = np.diag([1.0, 0.1])
+R = np.array([[0.1]])
+DIVERGED = 1e3
+"""Size of a state component beyond which an episode ends."""
+TERMINATION_COST = 1e4
+
+
+def optimal_gain() -> np.ndarray:
+    """Return K (2,) of u = -K x, which is best for an endless episode."""
+    p = solve_discrete_are(A, B, Q, R)
+    return np.linalg.solve(R + B.T @ p @ B, B.T @ p @ A)[0]
+
+
+class LqrLanes(ArrayLanes):
+    """n double integrators side by side."""
+
+    def __init__(
+        self, num_envs: int = 1, noise: float = 0.02, max_episode_steps: int = 200
+    ) -> None:
+        """
+        Args:
+            num_envs: Number of lanes n.
+            noise: Standard deviation of the disturbance of each state and step.
+            max_episode_steps: Time limit.
+        """
+        unbounded = np.full(2, np.inf)
+        super().__init__(
+            num_envs,
+            Box(-unbounded, unbounded, dtype=np.float64),
+            Box(-np.inf, np.inf, (1,), dtype=np.float64),
+            max_episode_steps,
+        )
+        self._noise = noise
+        self._x = np.zeros((num_envs, 2))
+        self._w = np.zeros((num_envs, max_episode_steps, 2))
+        self.arrays = {"x": self._x, "w": self._w}
+
+    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
+        self._x[lane] = (1.0, 0.0) if demonstration else rng.uniform(-1.0, 1.0, 2)
+        self._w[lane] = 0.0 if demonstration else rng.normal(0.0, self._noise, self._w[lane].shape)
+
+    def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        # Written out: a matrix product works across lanes.
+        x, v, u = self._x[:, 0].copy(), self._x[:, 1].copy(), actions[:, 0]
+        cost = Q[0, 0] * x * x + Q[1, 1] * v * v + R[0, 0] * u * u
+        # A lane past its time limit goes on with its last draw.
+        steps = np.minimum(self._steps, self._w.shape[1] - 1)
+        w = self._w[np.arange(self.num_envs), steps]
+        self._x[:, 0] = x + A[0, 1] * v + B[0, 0] * u + w[:, 0]
+        self._x[:, 1] = v + B[1, 0] * u + w[:, 1]
+        diverged = (np.abs(self._x) > DIVERGED).any(axis=1)
+        return cost + np.where(diverged, TERMINATION_COST, 0.0), diverged
+
+    def _observe(self) -> np.ndarray:
+        return self._x.copy()

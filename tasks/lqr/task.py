@@ -1,0 +1,91 @@
+"""Task `lqr`: tune the gains, or the weights, of a linear regulator whose optimum is known."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+from scipy.linalg import solve_discrete_are
+
+from zoac.parameters import Parameter, ParameterSpace
+from zoac.task import Controller, Diagnostics, Memory, Parameters, Task
+from zoac.tasks.lqr.plant import A, B, LqrLanes, Q, R, optimal_gain
+
+GAINS = ParameterSpace(
+    [Parameter("k_x", 0.0, 10.0, unit="1/s^2"), Parameter("k_v", 0.0, 10.0, unit="1/s")]
+)
+WEIGHTS = ParameterSpace([Parameter("q_x", 1e-2, 1e2, "log"), Parameter("q_v", 1e-3, 1e1, "log")])
+
+
+class StateFeedback:
+    """u = -(k_x x + k_v v)."""
+
+    def init(self, n: int) -> Memory:
+        """Return the empty memory."""
+        return {}
+
+    def act(
+        self, params: Parameters, obs: np.ndarray, memory: Memory
+    ) -> tuple[np.ndarray, Memory, Diagnostics]:
+        """Return u (n, 1) [m/s^2]."""
+        u = -(params["k_x"] * obs[:, 0] + params["k_v"] * obs[:, 1])
+        return u[:, None], memory, {}
+
+
+class Regulator:
+    """The best gains for state weights diag(q_x, q_v), beside the plant's weight on the input."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[float, float], np.ndarray] = {}
+
+    def init(self, n: int) -> Memory:
+        """Return the empty memory."""
+        return {}
+
+    def act(
+        self, params: Parameters, obs: np.ndarray, memory: Memory
+    ) -> tuple[np.ndarray, Memory, Diagnostics]:
+        """Return u (n, 1) [m/s^2]."""
+        weights = zip(params["q_x"].tolist(), params["q_v"].tolist(), strict=True)
+        gains = np.stack([self._gain(pair) for pair in weights])
+        return -(gains * obs).sum(axis=1, keepdims=True), memory, {}
+
+    def _gain(self, weights: tuple[float, float]) -> np.ndarray:
+        # A function of the weights alone, kept because they last for many steps.
+        if weights not in self._known:
+            if len(self._known) > 10_000:
+                self._known.clear()
+            p = solve_discrete_are(A, B, np.diag(weights), R)
+            self._known[weights] = np.linalg.solve(R + B.T @ p @ B, B.T @ p @ A)[0]
+        return self._known[weights]
+
+
+class Lqr(Task):
+    """Two parameters: gains in [0, 10], or state weights over four decades."""
+
+    def __init__(
+        self,
+        *,
+        tuned: Literal["gains", "weights"] = "gains",
+        noise: Annotated[float, Field(ge=0)] = 0.02,
+        max_episode_steps: Annotated[int, Field(ge=1)] = 200,
+    ) -> None:
+        """
+        Args:
+            tuned: The gains themselves, or the weights from which they follow.
+            noise: See `LqrLanes`.
+            max_episode_steps: Time limit, in steps of 0.1 s.
+        """
+        self._tuned, self._noise, self._steps = tuned, noise, max_episode_steps
+        self.space = GAINS if tuned == "gains" else WEIGHTS
+        best = optimal_gain() if tuned == "gains" else np.diag(Q)
+        self.nominal = dict(zip(self.space.names, best.tolist(), strict=True))
+
+    def make_env(self, n: int) -> LqrLanes:
+        """Return `n` lanes."""
+        return LqrLanes(n, self._noise, self._steps)
+
+    def make_controller(self) -> Controller:
+        """Return the state feedback."""
+        return StateFeedback() if self._tuned == "gains" else Regulator()

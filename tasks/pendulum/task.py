@@ -1,0 +1,47 @@
+"""Task `pendulum`: tune swing-up and PD gains."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from zoac.parameters import Parameter, ParameterSpace
+from zoac.task import Task
+from zoac.tasks.pendulum.controller import EnergyPd
+from zoac.tasks.pendulum.plant import PendulumLanes
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+class Pendulum(Task):
+    """Two PD gains, an energy gain, and the angle where one hands over to the other."""
+
+    space = ParameterSpace(
+        [
+            Parameter("energy", 0.0, 1.0, unit="N m s^3/rad^3"),
+            Parameter("kp", 0.0, 30.0, unit="N m/rad"),
+            Parameter("kd", 0.0, 10.0, unit="N m s/rad"),
+            Parameter("switch", 0.1, 1.5, unit="rad"),
+        ]
+    )
+    nominal = {"energy": 0.1, "kp": 10.0, "kd": 2.0, "switch": 0.5}
+    """Gains by hand, which swing up and hold."""
+
+    def __init__(
+        self,
+        *,
+        mass: Positive = 1.0,
+        length: Positive = 1.0,
+        max_episode_steps: Annotated[int, Field(ge=1)] = 200,
+    ) -> None:
+        """See `PendulumLanes` for the options."""
+        self._mass, self._length, self._steps = mass, length, max_episode_steps
+
+    def make_env(self, n: int) -> PendulumLanes:
+        """Return `n` pendulums."""
+        return PendulumLanes(n, self._mass, self._length, self._steps)
+
+    def make_controller(self) -> EnergyPd:
+        """Return the controller."""
+        return EnergyPd()
