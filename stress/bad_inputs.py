@@ -1,0 +1,277 @@
+"""Bad inputs and the message each one gets: `python -m stress.bad_inputs > docs/errors.md`.
+
+The same table is the test `tests/cli/test_bad_inputs.py`, which also sees that the page is not out
+of date.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import re
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from zoac import run
+
+# What does begin to run must soon be over.
+SHORT = [
+    "budget=40", "eval_every=40", "evaluation.episodes=1", "evaluation.final_episodes=1", "lanes=1",
+    "task.max_episode_steps=20",
+]  # fmt: skip
+FOLDER = Path("runs/pid_acc/zoac/seed=0/variant=mine")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One bad input.
+
+    Args:
+        typed: Arguments of `python -m zoac.run`.
+        says: What its message must contain: the value, and the nearest valid choice if any.
+        after: What has happened before, in words.
+        prepare: Does that, in the current folder.
+        varies: The rest of its message depends on Python, or on what is installed.
+    """
+
+    typed: str
+    says: tuple[str, ...]
+    after: str = ""
+    prepare: Callable[[], None] = lambda: None
+    varies: bool = False
+
+
+def message(case: Case) -> tuple[int, str]:
+    """Return exit code and message of one case, run in a fresh folder; a traceback is code 99."""
+    here, argv, full_error = Path.cwd(), sys.argv, os.environ.get("HYDRA_FULL_ERROR")
+    output, errors = io.StringIO(), io.StringIO()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            case.prepare()
+            code = _main(case.typed.split(), output, errors)
+        finally:
+            os.chdir(here)
+            sys.argv = argv
+            if full_error is None:
+                os.environ.pop("HYDRA_FULL_ERROR", None)
+    return code, errors.getvalue().strip().replace(str(Path(folder).resolve()), "<here>")
+
+
+def _main(arguments: list[str], output: io.StringIO, errors: io.StringIO) -> int:
+    sys.argv = ["zoac.run", *arguments]
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
+        try:
+            run.main()
+        except SystemExit as stop:
+            if isinstance(stop.code, str):
+                print(stop.code, file=sys.stderr)
+                return 1
+            return int(stop.code or 0)
+        except BaseException:
+            traceback.print_exc()
+            return 99
+    return 0
+
+
+def _finished() -> None:
+    """A finished run in FOLDER."""
+    code = _main([*SHORT, "variant=mine"], io.StringIO(), io.StringIO())
+    assert code == 0
+
+
+def _begun(damage: Callable[[Path], None]) -> Callable[[], None]:
+    """A run in FOLDER whose result is not there yet, and some damage to it."""
+
+    def prepare() -> None:
+        code = _main([*SHORT, "variant=mine", "checkpoint_seconds=0"], io.StringIO(), io.StringIO())
+        assert code == 0
+        (FOLDER / "result.json").unlink()
+        damage(FOLDER)
+
+    return prepare
+
+
+def _both_checkpoints(content: bytes) -> Callable[[Path], None]:
+    def damage(folder: Path) -> None:
+        for path in (folder / "checkpoint").iterdir():
+            path.write_bytes(content)
+
+    return damage
+
+
+def _held() -> None:
+    import fcntl
+
+    FOLDER.mkdir(parents=True)
+    _kept.append(open(FOLDER / ".lock", "a+"))  # noqa: SIM115 (held until the process ends)
+    fcntl.flock(_kept[-1], fcntl.LOCK_EX)
+
+
+_kept: list[io.TextIOWrapper] = []
+
+
+def _own_module(text: str) -> Callable[[], None]:
+    return lambda: Path("mine.py").write_text(text) and None
+
+
+AGAIN = " ".join([*SHORT, "variant=mine"])
+
+CASES = [
+    # Names.
+    Case("sede=1", ("'sede'", "did you mean 'seed'")),
+    Case("tuner.sgima=1", ("'tuner.sgima'", "did you mean 'tuner.sigma'")),
+    Case("evaluation.episode=3", ("did you mean 'evaluation.episodes'",)),
+    Case("task.jrek=rate", ("did you mean 'task.jerk'",)),
+    Case("+foo=1", ("'foo'", "known: budget")),
+    Case("+evaluation.foo=1", ("'evaluation.foo'", "known: episodes")),
+    Case("+tuner.foo=1", ("tuner: unknown key 'foo'", "known:")),
+    Case("+task.foo=1", ("task: unknown key 'foo'", "jerk")),
+    Case("~seed", ("seed", "a value is needed")),
+    Case("~tuner", ("tuner", "zoac")),
+    Case("~evaluation.seed", ("evaluation.seed=<value>",)),
+    Case("task=pidacc", ("'pidacc'", "did you mean 'pid_acc'")),
+    Case("tuner=zoca", ("'zoca'", "did you mean 'zoac'")),
+    Case("executor=proces", ("'proces'", "did you mean 'process'")),
+    Case("mpc_solver=clarabell", ("'clarabell'", "did you mean 'clarabel'")),
+    Case("fidelity=papre", ("'papre'", "did you mean 'paper'")),
+    Case("logger=wandbb", ("'wandbb'", "did you mean 'wandb'")),
+    Case("method=our", ("'our'", "did you mean 'ours'")),
+    Case("experiment=tabel2", ("'tabel2'", "did you mean 'table2'")),
+    Case("tuner=nevergrad tuner.name=PSOO", ("'PSOO'", "did you mean 'PSO'")),
+    # How it is written.
+    Case("seed", ("'seed'", "write key=value")),
+    Case("=3", ("'=3'", "write key=value")),
+    Case("a=b=c", ("'a=b=c'", "write key=value")),
+    Case("seed='", ("seed='", "write key=value")),
+    Case("seed=1,2", ("seed=1,2", "--multirun")),
+    Case("--sede=1", ("--sede=1",), varies=True),
+    Case("tuner=null", ("tuner=null", "zoac")),
+    Case("tuner=3", ("tuner=3", "zoac")),
+    Case("task={a:1}", ("task={a:1}", "pid_acc")),
+    Case("task=", ("task ''", "pid_acc")),
+    Case("tuner=[zoac,bo]", ("-m tuner=zoac,bo",)),
+    Case("evaluation=3", ("evaluation=3", "evaluation.episodes")),
+    Case("seed=${nope}", ("seed", "'nope'")),
+    Case("seed=${oc.env:NOPE}", ("seed", "'NOPE'")),
+    # Keys of the run.
+    Case("seed=x", ("seed=x", "whole number")),
+    Case("seed=", ("seed=", "whole number")),
+    Case("seed=[1]", ("seed=[1]", "whole number")),
+    Case("seed=-1", ("seed=-1", "greater than or equal to 0")),
+    Case("budget=1.5", ("budget=1.5", "whole number")),
+    Case("budget=1e99", ("budget=1e99", "whole number")),
+    Case("budget=-1", ("budget=-1", "greater than or equal to 0")),
+    Case("lanes=0", ("lanes=0", "greater than or equal to 1")),
+    Case("lanes=1000000000000", ("lanes=1000000000000", "less than or equal to 100000")),
+    Case("eval_every=0", ("eval_every=0", "greater than or equal to 1")),
+    Case("evaluation.episodes=0", ("evaluation.episodes=0", "greater than or equal to 1")),
+    Case("evaluation.final_episodes=many", ("evaluation.final_episodes=many", "whole number")),
+    Case("evaluation.seed=-1", ("evaluation_seed=-1", "greater than or equal to 0")),
+    Case("checkpoint_seconds=nan", ("checkpoint_seconds", "NaN", "finite")),
+    Case("checkpoint_seconds=inf", ("checkpoint_seconds", "inf", "finite")),
+    Case("checkpoint_seconds=-1", ("checkpoint_seconds=-1", "greater than or equal to 0")),
+    Case("checkpoint_seconds=x", ("checkpoint_seconds=x", "a number")),
+    Case("failure_penalty=nan", ("failure_penalty", "NaN", "finite")),
+    Case("failure_penalty=high", ("failure_penalty=high", "a number")),
+    Case("resume=maybe", ("maybe", "auto, never, overwrite")),
+    Case("variant=../x", ("'../x'", "'x'")),
+    Case("runs_dir=", ("runs_dir=''", "such as runs")),
+    Case("runs_dir=null", ("runs_dir",)),
+    Case(f"variant={'long' * 80}", ("File name too long", "variant=<name>")),
+    # Options of the choices.
+    Case("tuner.sigma=abc", ("tuner.sigma='abc'", "number")),
+    Case("tuner.sigma=-1", ("tuner.sigma=-1", "greater than 0")),
+    Case("tuner.sigma=nan", ("tuner.sigma", "NaN", "finite")),
+    Case("tuner.sigma=inf", ("tuner.sigma", "inf", "finite")),
+    Case("tuner.sigma=null", ("tuner.sigma=None", "number")),
+    Case("tuner.gamma=1.2", ("tuner.gamma=1.2", "less than")),
+    Case("tuner.hidden=[3,x]", ("tuner.hidden[1]='x'", "integer")),
+    Case("tuner.hidden=256", ("tuner.hidden=256", "list")),
+    Case("tuner.recommend=lats", ("tuner.recommend='lats'", "did you mean 'last'")),
+    Case("tuner.anneal=3", ("tuner.anneal=3", "boolean")),
+    Case("tuner.segments=0", ("tuner.segments=0", "greater than or equal to 1")),
+    Case("tuner=cmaes tuner.covariance=ful", ("'ful'", "did you mean 'full'")),
+    Case("tuner=cmaes tuner.population=0", ("tuner.population=0", "greater than")),
+    Case("tuner=bo tuner.acquisition=ubc", ("'ubc'", "did you mean 'ucb'")),
+    Case("tuner=es tuner.start=nominl", ("'nominl'", "did you mean 'nominal'")),
+    Case("tuner=random tuner.reevaluate_share=1.5", ("tuner.reevaluate_share=1.5", "less than")),
+    Case("task.jerk=rat", ("task.jerk='rat'", "did you mean 'rate'")),
+    Case("task.preceding_std=-1", ("task.preceding_std=-1", "greater than or equal to 0")),
+    Case("task.max_episode_steps=0", ("task.max_episode_steps=0", "greater than or equal to 1")),
+    Case("fidelity.jerk=rat", ("'rat'", "did you mean 'rate'")),
+    Case("task=mpc_tracking task.mpc.horizon=0", ("task.mpc.horizon=0", "greater than")),
+    Case("task=mpc_tracking task.mpc.linearisations=often",
+         ("task.mpc.linearisations='often'", "'converged'")),
+    Case("task=mpc_tracking mpc_solver.tolerance=1.5", ("tolerance=1.5", "less than")),
+    Case("task=mpc_tracking mpc_solver=riccati mpc_solver.sweeps=many",
+         ("sweeps='many'", "integer")),
+    Case("executor=process executor.workers=0",
+         ("executor.workers=0", "greater than or equal to 1")),
+    Case("executor=process executor.attempts=0", ("executor.attempts=0", "greater than")),
+    Case("logger=wandb logger.wandb.mode=onlin", ("'onlin'", "did you mean 'online'")),
+    Case("logger=[none,wandbb]", ("'wandbb'", "did you mean 'wandb'")),
+    Case("task._target_=zoac.nothing.Here", ("'zoac.nothing.Here'", "no module 'zoac.nothing'")),
+    Case("task._target_=zoac.tasks.pid_acc.PidAc", ("'PidAc'", "did you mean 'PidAcc'")),
+    Case("task._target_=3", ("task._target_", "dotted path", "3")),
+    Case("task._target_=mine.Task", ("importing mine raised ZeroDivisionError", "mine.py, line 1"),
+         "mine.py: `1/0`", _own_module("1/0")),
+    # Folders.
+    Case("runs_dir=file", ("file/pid_acc", "Not a directory", "another runs_dir"),
+         "a file of that name", lambda: Path("file").touch()),
+    Case("runs_dir=/proc/nowhere", ("/proc/nowhere", "another runs_dir")),
+    Case(f"{AGAIN} tuner.sigma=0.3", ("tuner.sigma: 0.08 there, 0.3 now", "variant=<name>"),
+         "a run without it", _finished),
+    Case(f"{AGAIN} resume=never", ("holds a run already", "resume=auto"), "the same", _finished),
+    Case(AGAIN, ("another process is running this run",), "it is running", _held),
+    Case(AGAIN, ("run.json", "cannot be read as JSON"), "run.json cut in half",
+         _begun(lambda f: (f / "run.json").write_text("{") and None)),
+    Case(AGAIN, ("run.json", "format 99, expected 1"), "run.json of another version",
+         _begun(lambda f: (f / "run.json").write_text(json.dumps({"format": 99})) and None)),
+    Case(AGAIN, ("no checkpoint can be read", "resume=overwrite"), "both checkpoints damaged",
+         _begun(_both_checkpoints(b"rubbish"))),
+    Case(AGAIN, ("checkpoint format 99", "reads format", "resume=overwrite"),
+         "a checkpoint of another version",
+         _begun(_both_checkpoints(b'{"format": 99, "sha256": ""}\n'))),
+    Case(AGAIN, ("metrics.jsonl holds 0 bytes", "resume=overwrite"), "metrics.jsonl deleted",
+         _begun(lambda f: (f / "metrics.jsonl").unlink()), varies=True),
+    # Sweeps.
+    Case("hydra/launcher=xyz", ("unknown hydra/launcher 'xyz'", "basic"), varies=True),
+    Case("-m seed=0,x", ("seed=x", "whole number")),
+    Case("-m tuner.sigma=-1,-2", ("2 job(s) of the sweep", "tuner.sigma=-1", "tuner.sigma=-2")),
+]  # fmt: skip
+
+
+def without_lists(text: str) -> str:
+    """Return a message without its list of choices: a new task or key is to change no page."""
+    return re.sub("known: .*", "known: ...", text)
+
+
+def page() -> str:
+    """Return docs/errors.md."""
+    lines = [
+        "# Messages",
+        "",
+        "What `python -m zoac.run` answers to bad input: one message, no traceback, an exit code",
+        "that is not 0. Written by `python -m stress.bad_inputs`.",
+    ]
+    for case in CASES:
+        if case.varies:
+            continue
+        typed = case.typed if len(case.typed) < 200 else f"{case.typed[:60]}..."
+        for part in SHORT if case.after else []:
+            typed = typed.replace(part, "").strip()
+        after = f", after: {case.after}" if case.after else ""
+        lines += ["", f"`{' '.join(typed.split())}`{after}", "```text"]
+        lines += [without_lists(message(case)[1]), "```"]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    print(page(), end="")
