@@ -331,7 +331,9 @@ def _options_of_search(runs: Sequence[str], own: Sequence[str]) -> dict[str, Any
         if name not in known:
             raise ConfigError(f"unknown key 'search.{name}'; {suggest(name, known)}")
     node = compose_config([*runs, *own]).search
-    options = {str(k): v for k, v in OmegaConf.to_container(node, resolve=True).items()}
+    plain = OmegaConf.to_container(node, resolve=True)
+    assert isinstance(plain, dict)
+    options = {str(key): value for key, value in plain.items()}
     check_arguments(Search, options, "search", provided=("overrides",))
     return options
 

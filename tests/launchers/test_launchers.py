@@ -55,7 +55,7 @@ def test_a_job_that_dies_is_told(tmp_path):
     arguments = [*SMALL, "launcher=joblib", "hydra.launcher.n_jobs=2", "seed=0,1"]
     endless = ["budget=100000000", "eval_every=100000000", "checkpoint_seconds=0"]
     process = start("-m", *arguments, *endless, cwd=tmp_path)
-    victim = running_note(tmp_path / "runs", "seed=1")["pid"]
+    victim = running_note(process, tmp_path / "runs", "seed=1")["pid"]
     os.kill(victim, signal.SIGKILL)
     code, _, err = finish(process)
     assert code == 1
@@ -76,7 +76,8 @@ def test_a_preempted_job_is_requeued_and_ends_on_the_same_bits(tmp_path):
     # resume=overwrite is meant for the sweep, not for each time that a job is put back.
     again = [*arguments, "launcher=submitit_local", "resume=overwrite"]
     process = start("-m", *again, cwd=tmp_path / "parts")
-    os.kill(running_note(tmp_path / "parts" / "runs", "seed=0")["pid"], signal.SIGUSR2)
+    note = running_note(process, tmp_path / "parts" / "runs", "seed=0")
+    os.kill(note["pid"], signal.SIGUSR2)
     code, _, err = finish(process)
     assert code == 0, err
     log = "".join(p.read_text() for p in (tmp_path / "parts").rglob("*_log.out"))
