@@ -197,7 +197,7 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
         key = override.lstrip("+~").partition("=")[0]
         if f"override '{key}'" in text and "To append to your config" in text:
             return f"unknown key {key!r} in {override!r}; {_siblings(key)}"
-    if found := re.search(r"Could not find '(?:hydra/)?(\w+)/(\S*)'", text):
+    if found := re.search(r"Could not (?:find|load) '(?:hydra/)?(\w+)/(\S*)'", text):
         group = found[0].split("'")[1].removesuffix(f"/{found[2]}")
         return f"unknown {group} {found[2]!r}; {suggest(found[2], _choices(group))}"
     return text
