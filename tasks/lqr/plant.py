@@ -65,7 +65,7 @@ class LqrLanes(ArrayLanes):
         w = self._w[np.arange(self.num_envs), steps]
         self._x[:, 0] = x + A[0, 1] * v + B[0, 0] * u + w[:, 0]
         self._x[:, 1] = v + B[1, 0] * u + w[:, 1]
-        diverged = (np.abs(self._x) > DIVERGED).any(axis=1)
+        diverged = np.abs(self._x).max(axis=1) > DIVERGED
         return cost + np.where(diverged, TERMINATION_COST, 0.0), diverged
 
     def _observe(self) -> np.ndarray:

@@ -15,7 +15,8 @@ from zoac.errors import ConfigError
 from zoac.parameters import Parameter, ParameterSpace, choice, integer
 
 SPACE = ParameterSpace(
-    [Parameter("k", 0.0, 1.0), integer("n", 2, 5), choice("mode", ("a", "b", "c")), choice("f", (10, 50))]
+    [Parameter("k", 0.0, 1.0), integer("n", 2, 5), choice("mode", ("a", "b", "c")),
+     choice("f", (10, 50))]
 )  # fmt: skip
 SIGMA = 0.3
 

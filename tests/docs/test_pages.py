@@ -1,0 +1,69 @@
+"""Every Python block of every page runs, in the order of the page; the site builds strictly."""
+
+import importlib.util
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+import zoac
+from tests.analysis.folders import write_run
+
+ROOT = Path(__file__).parents[2]
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+PAGES = {
+    path.name: BLOCK.findall(path.read_text()) for path in sorted((ROOT / "docs").glob("*.md"))
+}
+QUICK = {"budget": 200, "lanes": 2, "episodes": 1, "final_episodes": 1, "eval_every": 200,
+         "quiet": True}  # fmt: skip
+
+
+def blocks(page, language):
+    return [text for kind, text in PAGES[page] if kind == language]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")])
+def test_its_python_runs(page, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    tune = zoac.tune
+    monkeypatch.setattr(zoac, "tune", lambda **options: tune(**{**options, **QUICK}))
+    write_run(tmp_path / "runs")  # for pages that read what is there
+    names = {"__name__": "__main__"}
+    for number, text in enumerate(blocks(page, "python")):
+        exec(compile(text, f"docs/{page}, Python block {number + 1}", "exec"), names)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_modules_and_files_that_its_commands_name_exist(page):
+    for text in blocks(page, "bash"):
+        for line in text.splitlines():
+            words = shlex.split(line, comments=True)
+            if words[:2] == ["python", "-m"]:
+                assert importlib.util.find_spec(words[2]), line
+            elif words[:1] == ["python"]:
+                assert (ROOT / words[1]).is_file(), line
+
+
+def test_the_yaml_of_the_guide_is_the_examples():
+    (block,) = blocks("tune_your_own.md", "yaml")
+    example = yaml.safe_load((ROOT / "examples/own_task/conf/task/tank.yaml").read_text())
+    given = yaml.safe_load(block)
+    assert set(given) == set(example)
+    assert given["_target_"] == example["_target_"]
+
+
+def test_every_page_is_in_the_navigation():
+    named = re.findall(r"[\w/]+\.md", (ROOT / "mkdocs.yml").read_text().partition("\nnav:")[2])
+    assert sorted(named) == sorted(PAGES)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("mkdocs") is None, reason="needs zoac[docs]")
+def test_the_site_builds_strictly(tmp_path):
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "api" / "index.html").read_text().count("zoac.api.tune")
