@@ -65,7 +65,7 @@ def _command(options: argparse.Namespace) -> None:
     runs = by_method(collection.finished)[method]
     refuse_mixed(runs)
     task = replay.rebuild(runs[0])
-    names = options.parameters.split(",") if options.parameters else list(task.space.names)
+    names = options.parameters.split(",") if options.parameters else _numbers(task.space)
     slices = sliced(task, median_run(runs), names, options.points, options.episodes)
     folder = cli.output_folder(options.out)
     with style.paper():
@@ -79,25 +79,29 @@ def sliced(task: Task, run: Run, names: Sequence[str], points: int, episodes: in
     """Return the cost along each named parameter, the others as `run` left them.
 
     Raises:
-        ConfigError: If a parameter is unknown.
+        ConfigError: If a parameter is unknown, or a choice, which has no axis.
     """
     space: ParameterSpace = task.space
     for name in names:
-        if name not in space.names:
-            raise ConfigError(f"unknown parameter {name!r}; {suggest(name, space.names)}")
+        if name not in _numbers(space):
+            raise ConfigError(f"unknown parameter {name!r}; {suggest(name, _numbers(space))}")
     centre = space.unit(run.outcome["parameters"])
     grid = np.repeat(centre[None, None], points, axis=1).repeat(len(names), axis=0)
-    columns = [space.names.index(name) for name in names]
-    for k, column in enumerate(columns):
+    for k, column in enumerate(space.coordinates.index(name) for name in names):
         grid[k, :, column] = np.linspace(-1.0, 1.0, points)
     seed = int(run.config["evaluation"]["seed"])
     print(f"rolling out {len(names) * points * episodes} episodes", file=sys.stderr)
     costs = replay.costs(task, grid.reshape(-1, space.dimension), episodes, seed)
     costs = costs.reshape(len(names), points, episodes)
     return [
-        Slice(space.parameters[column], space.values(grid[k])[:, column], costs[k])
-        for k, column in enumerate(columns)
+        Slice(space.parameters[index], space.values(grid[k])[:, index], costs[k])
+        for k, index in enumerate(space.names.index(name) for name in names)
     ]
+
+
+def _numbers(space: ParameterSpace) -> list[str]:
+    """Return the names of the parameters that are numbers: choices have no axis."""
+    return [p.name for p in space.parameters if p.kind != "choice"]
 
 
 def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> Figure:

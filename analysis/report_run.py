@@ -112,17 +112,19 @@ def _parameters(run: Run) -> str:
         name, scale = parameter.name, " (log)" if parameter.scale == "log" else ""
         after = run.outcome["parameters"][name]
         values = {"before": first.get(name), "nominal": nominal.get(name), "after": after}
-        places = {k: _place(parameter, v) for k, v in values.items() if v is not None}
-        for bound, distance in (("low", places["after"]), ("high", 1 - places["after"])):
-            if distance < NEAR_BOUND:
-                at_bound.append(f"{escape(name)} ({bound})")
+        places = {}
+        if parameter.kind != "choice":
+            places = {k: _place(parameter, v) for k, v in values.items() if v is not None}
+            for bound, distance in (("low", places["after"]), ("high", 1 - places["after"])):
+                if distance < NEAR_BOUND:
+                    at_bound.append(f"{escape(name)} ({bound})")
         lines.append(
             [
                 escape(unit_label(name, parameter.unit)) + scale,
-                *(f"{v:.6g}" if v is not None else NOTHING for v in values.values()),
-                f"{parameter.low:g}",
-                html.placed(places),
-                f"{parameter.high:g}",
+                *(_value(v) for v in values.values()),
+                f"{parameter.low:g}" if places else NOTHING,
+                html.placed(places) if places else escape(", ".join(map(str, parameter.options))),
+                f"{parameter.high:g}" if places else NOTHING,
             ]
         )
     text = html.keys(["before", "nominal", "after"]) + html.table(without_empty_columns(lines))
@@ -133,6 +135,12 @@ def _parameters(run: Run) -> str:
             "warning",
         )
     return text
+
+
+def _value(value: float | str | None) -> str:
+    if isinstance(value, str):
+        return escape(value)
+    return NOTHING if value is None else f"{value:.6g}"
 
 
 def _place(parameter: Parameter, value: float) -> float:

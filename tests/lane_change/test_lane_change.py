@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import zoac
+from zoac.analysis import landscape, report
 from zoac.tasks.lane_change import LaneChange, RoadLanes, RuleBasedDriver
 from zoac.tasks.lane_change.plant import CAR, COLLISION_COST, RING
 
@@ -56,10 +57,16 @@ def test_changing_lanes_brings_the_other_lanes_cars_ahead():
     assert after[0, 7] == 0.0
 
 
-def test_tuning_finds_whole_numbers_and_options(tmp_path):
-    result = zoac.tune(task="lane_change", tuner="random", budget=3000, lanes=4, quiet=True,
-                       episodes=1, final_episodes=2, folder=tmp_path)  # fmt: skip
+def test_tuning_and_analysis_know_whole_numbers_and_options(tmp_path):
+    result = zoac.tune(task="lane_change", tuner="random", budget=1500, lanes=4, quiet=True,
+                       eval_every=1500, episodes=1, final_episodes=2, folder=tmp_path)  # fmt: skip
     assert isinstance(result.parameters["patience"], int)
     assert result.parameters["better"] in ("speed", "gap")
     assert zoac.load_result(tmp_path).controller()(GOOD[0]).shape == (2,)
     assert set(result.record["violations_by_constraint"]) == {"distance"}
+    out = tmp_path / "out"
+    assert report.main([str(tmp_path), "--out", str(out)]) == 0
+    (page,) = out.glob("*.html")
+    assert "speed, gap" in page.read_text()
+    quick = ["--tuner", "random", "--points", "2", "--episodes", "1", "--format", "svg"]
+    assert landscape.main([str(tmp_path), "--out", str(out), *quick]) == 0
