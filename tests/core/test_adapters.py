@@ -179,3 +179,37 @@ def test_every_way_to_write_a_space():
 def test_a_space_that_makes_no_sense_is_refused(entry, message):
     with pytest.raises(ConfigError, match=message):
         parse_space({"k": entry})
+
+
+class Heavy(Drift):
+    mass = 1.0
+
+
+def masses(lanes):
+    return [env.unwrapped.mass for env in lanes._envs]
+
+
+def test_a_plant_that_varies_is_drawn_from_the_lanes_seed():
+    lanes = GymnasiumLanes([Heavy(), Heavy(), Heavy()], 5, vary={"mass": (0.5, 2.0)})
+    lanes.reset(seed=[7, 7, 8])
+    one, two, three = masses(lanes)
+    assert one == two != three
+    assert all(0.5 <= mass <= 2.0 for mass in (one, three))
+    state = lanes.state([0])
+    lanes.reset()
+    following = masses(lanes)[0]
+    assert following != one
+    lanes.restore([0], state)
+    assert masses(lanes)[0] == one
+    lanes.reset()
+    assert masses(lanes)[0] == following
+
+
+def test_a_plant_is_set_and_what_it_has_not_is_named():
+    assert masses(GymnasiumLanes([Heavy()], 5, plant={"mass": 3.0})) == [3.0]
+    env = Heavy()
+    env.mass = 1.0  # an attribute of its own, so that it can be listed
+    with pytest.raises(ConfigError, match="no number 'mas' to set; did you mean 'mass'"):
+        GymnasiumLanes([env], 5, plant={"mas": 3.0})
+    with pytest.raises(ConfigError, match=r"vary.mass=\[2.0, 1.0\]"):
+        GymnasiumLanes([env], 5, vary={"mass": (2.0, 1.0)})
