@@ -53,9 +53,7 @@ def neural(env: EnvSource, hidden: int = 8, bound: float = 1.0) -> tuple[Act, Sp
     scale = np.where((scale > 0) & (scale < 1e3), scale, 1.0)
     outputs = int(action.n) if isinstance(action, Discrete) else int(np.prod(action.shape))
     sizes = [scale.size, *([hidden] if hidden else []), outputs]
-    shapes = [
-        shape for a, b in pairwise(sizes) for shape in ((b, a), (b,))
-    ]  # W, b of each layer
+    shapes = [shape for a, b in pairwise(sizes) for shape in ((b, a), (b,))]  # W, b of each layer
     names = [
         f"{'bias' if len(shape) == 1 else 'weight'}_{k // 2}_{i}"
         for k, shape in enumerate(shapes)
