@@ -41,7 +41,7 @@ COMMON = [
 # Short iterations: a kill is worth more where there is a checkpoint between any two.
 SHORT = {
     "zoac": ["tuner.segment_length=10", "tuner.segments=4"],
-    "zoac_plus": ["tuner.segment_length=10", "tuner.candidates=4"],
+    "zoac_plus": ["tuner.segment_length=10", "tuner.race_rounds=3"],
     "es": ["tuner.population=2"],
 }
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from zoac.checks import TARGET, check_arguments, check_node, locate
+from zoac.environment import can_be_put_back
 from zoac.executor import Executor
 from zoac.gate import Gate, search_budget, trusted
 from zoac.runlog import Sink
@@ -76,6 +77,7 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
         max_episode_steps=env.max_episode_steps,
         seed=settings.seed,
         nominal=None if task.nominal is None else task.space.unit(task.nominal),
+        branches=can_be_put_back(env),
     )
     env.close()
     if settings.trust is not None:

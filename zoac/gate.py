@@ -46,9 +46,10 @@ def trusted(options: Mapping[str, Any], trust: float) -> dict[str, Any]:
     chosen = {**options, "start": "nominal", width: spread(trust)}
     if width == "sigma":
         factor = spread(trust) / options["sigma"]
-        chosen |= {k: v * factor for k, v in options.items() if k.startswith("step_size")}
-    if "candidates" in options:
-        chosen["candidates"] = 0
+        scaled = ("step_size", "sigma_")
+        chosen |= {k: v * factor for k, v in options.items() if k.startswith(scaled)}
+    if "race_share" in options:
+        chosen["race_share"] = 0.0
     return chosen
 
 

@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from zoac.environment import can_be_put_back
 from zoac.errors import ControllerError, ZoacError
 from zoac.recording import Recording
+from zoac.seeding import stream_seed
 
 if TYPE_CHECKING:
     from zoac.task import Task
@@ -110,7 +112,10 @@ class LaneGroup:
         self._controller = task.make_controller()
         self._row_of = {lane_id: row for row, lane_id in enumerate(lane_ids)}
         self._lane_ids = tuple(lane_ids)
+        self._seeds = tuple(seeds)
         self._first_seeds: list[int | None] = list(seeds)
+        self._restarts = np.zeros(self.n, dtype=np.int64)
+        self._saves = can_be_put_back(self._env)
         self._action_shape = tuple(self._env.single_action_space.shape or ())
         self._observations = np.zeros((self.n, *(self._env.single_observation_space.shape or ())))
         self._initial_memory = _copied(self._controller.init(self.n))
@@ -187,6 +192,8 @@ class LaneGroup:
                 self._needs_reset[lane] = ended or cut
                 if run.resume is not None:
                     self._put_back(lane, run.resume)
+                elif proposals[run.index].seed is not None:
+                    self._needs_reset[lane] = True
                 begin(lane)
         return [segment for segment in segments if segment is not None]
 
@@ -194,7 +201,10 @@ class LaneGroup:
         """Bring `lane` to where `proposal` starts."""
         resume = None
         if proposal.seed is not None:
-            resume = self._snapshot(lane)
+            if self._saves:
+                resume = self._snapshot(lane)
+            else:
+                self._begin_anew(lane)
             self._reset(lane, proposal.seed)
         else:
             whole_episode = proposal.horizon is None and self._steps[lane] > 0
@@ -204,6 +214,12 @@ class LaneGroup:
             if proposal.branch:
                 resume = self._snapshot(lane)
         return _Running(index, row, proposal.horizon, bool(self._steps[lane] == 0), resume)
+
+    def _begin_anew(self, lane: int) -> None:
+        """Have `lane`, which cannot be put back, start an episode of its own the next time."""
+        self._restarts[lane] += 1
+        seed = stream_seed(self._seeds[lane], "restart", int(self._restarts[lane]))
+        self._first_seeds[lane] = seed
 
     def _reset(self, lane: int, seed: int | None) -> None:
         mask = np.zeros(self.n, dtype=bool)

@@ -26,6 +26,7 @@ class Problem:
         max_episode_steps: An episode's time limit.
         seed: The run's seed.
         nominal: Mapped reference parameters (d,), for tasks that have them.
+        branches: Lanes can run on and be put back to where they stood.
     """
 
     space: ParameterSpace
@@ -35,6 +36,7 @@ class Problem:
     max_episode_steps: int
     seed: int
     nominal: np.ndarray | None = None
+    branches: bool = True
 
     def rng(self, name: str) -> np.random.Generator:
         """Return the run's random stream called `name`, from its beginning."""

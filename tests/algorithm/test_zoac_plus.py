@@ -8,10 +8,17 @@ from zoac.algorithm.gradient import zeroth_order_gradient
 from zoac.algorithm.zoac_plus import ZoacPlus
 from zoac.tuner import Problem
 
+PLUS = {
+    **OPTIONS,
+    "sigma_end": 0.1,
+    "race_share": 0.0,
+    "finals_share": 0.0,
+}
 
-def make_plus(seed=0, lanes=4, **options):
-    problem = Problem(CountingTask.space, 3, lanes, 1000, 7, seed)
-    return ZoacPlus(problem, **{**OPTIONS, "candidates": 0, **options})
+
+def make_plus(seed=0, lanes=4, budget=10_000, branches=True, **options):
+    problem = Problem(CountingTask.space, 3, lanes, budget, 7, seed, branches=branches)
+    return ZoacPlus(problem, **{**PLUS, **options})
 
 
 def test_a_direction_is_run_both_ways_from_the_same_state():
@@ -73,31 +80,120 @@ def test_goes_down_the_cost():
     assert CountingTask.space.physical(tuner.recommend())["a"] < 0.2
 
 
-def test_starts_at_the_best_candidate():
-    tuner, group = make_plus(candidates=11), lane_group(CountingTask(), [0, 1, 2, 3])
-    seen = []
-    for size in (4, 4, 3):
-        proposals = tuner.ask()
-        assert len(proposals) == size
-        assert all(p.horizon is None for p in proposals)
-        segments = group.rollout(proposals)
-        seen += [(s.costs.sum(), tuple(s.proposal.z)) for s in segments]
+def spent_by(tuner, group, until):
+    """Run until `until(tuner)`; return the segments of every batch."""
+    batches = []
+    while not until(tuner):
+        segments = group.rollout(tuner.ask())
         tuner.tell(segments)
-    assert tuple(tuner.recommend()) == min(seen)[1]
-    assert tuner.ask()[0].horizon == 3
+        batches.append(segments)
+    return batches
 
 
-def test_a_candidate_whose_cost_is_not_finite_is_not_chosen():
-    tuner, group = make_plus(candidates=4), lane_group(CountingTask(), [0, 1, 2, 3])
+def race_over(tuner):
+    return tuner._race.over
+
+
+def test_the_horizon_of_the_race_grows_to_a_whole_episode():
+    tuner, group = make_plus(race_share=0.3, race_rounds=5), lane_group(CountingTask(), range(4))
+    batches = spent_by(tuner, group, race_over)
+    horizons = [batch[0].proposal.horizon for batch in batches]
+    assert horizons == sorted(horizons)
+    assert (horizons[0], horizons[-2:]) == (1, [7, 7])
+
+
+def test_the_race_takes_its_share_of_the_budget():
+    tuner, group = make_plus(race_share=0.3, race_rounds=5), lane_group(CountingTask(), range(4))
+    batches = spent_by(tuner, group, race_over)
+    steps = sum(segment.length for batch in batches for segment in batch)
+    assert steps == pytest.approx(3000, rel=0.05)
+
+
+def test_every_vector_of_a_round_meets_the_same_starts():
+    tuner, group = make_plus(race_share=0.3), lane_group(CountingTask(), range(4))
+    for batch in spent_by(tuner, group, race_over):
+        field = len({tuple(segment.proposal.z) for segment in batch})
+        starts = {tuple(segment.observations[0]) for segment in batch}
+        assert len(starts) == len(batch) // field
+
+
+def test_tuning_starts_at_the_winner_of_the_last_round():
+    tuner, group = make_plus(race_share=0.3), lane_group(CountingTask(), range(4))
+    last = spent_by(tuner, group, race_over)[-1]
+    costs = {}
+    for segment in last:
+        costs.setdefault(tuple(segment.proposal.z), []).append(segment.costs.sum())
+    assert len(next(iter(costs.values()))) > 1
+    best = min(costs, key=lambda z: np.mean(costs[z]))
+    assert tuple(tuner._theta) == tuple(tuner.recommend()) == best
+
+
+def test_a_vector_whose_cost_is_not_finite_does_not_win():
+    tuner, group = make_plus(race_share=0.3), lane_group(CountingTask(), range(4))
     segments = group.rollout(tuner.ask())
-    bad = segments[0].with_costs(np.full(7, np.nan))
-    tuner.tell([bad, *segments[1:]])
-    assert not np.array_equal(tuner.recommend(), bad.proposal.z)
+    bad = [s.with_costs(np.full(s.length, np.nan)) for s in segments[:-1]]
+    tuner.tell([*bad, segments[-1]])
+    assert np.array_equal(tuner.recommend(), segments[-1].proposal.z)
 
 
-@pytest.mark.parametrize("after", [1, 2, 4])
+def test_survivors_go_on_and_children_stay_in_the_box():
+    tuner = make_plus(race_share=0.3, race_survivors=0.25)
+    group = lane_group(CountingTask(), range(4))
+    first, second = (group.rollout(tuner.ask()), None)
+    tuner.tell(first)
+    order = np.argsort([s.costs.sum() for s in first], kind="stable")
+    second = np.stack([p.z for p in tuner.ask()])
+    kept = -(-len(second) // 4)
+    assert np.array_equal(second[:kept], np.stack([first[i].proposal.z for i in order[:kept]]))
+    known = {tuple(s.proposal.z) for s in first}
+    assert not any(tuple(z) in known for z in second[kept:])
+    assert np.abs(second).max() <= 1.0
+
+
+def test_sigma_and_step_shrink_geometrically_to_their_ends():
+    tuner = make_plus(sigma=0.1, sigma_end=0.025, step_size=0.04, step_size_end=0.01, budget=960)
+    group = lane_group(CountingTask(max_episode_steps=1000), range(4))
+    numbers = [iterate(tuner, group) for _ in range(20)]  # 48 steps each
+    np.testing.assert_allclose([n["sigma"] for n in numbers], 0.1 * 0.25 ** (np.arange(20) / 20))
+    assert numbers[10]["step_size"] == pytest.approx(0.02)
+
+
+def test_the_finals_recommend_the_lowest_mean_on_common_episodes():
+    tuner = make_plus(race_share=0.2, finals_share=0.3)
+    group = lane_group(CountingTask(), range(4))
+    spent_by(tuner, group, lambda t: t._in_finals)
+    batches = [group.rollout(tuner.ask()) for _ in range(1)]
+    tuner.tell(batches[0])
+    by_vector = {}
+    for segment in batches[0]:
+        by_vector.setdefault(tuple(segment.proposal.z), []).append(segment)
+    assert len(by_vector) == 4  # the winner of the race and three averages
+    starts = {tuple(s[0].observations[0]) for s in by_vector.values()}
+    assert len(starts) == 1
+    best = min(by_vector, key=lambda z: np.mean([s.costs.sum() for s in by_vector[z]]))
+    assert tuple(tuner.recommend()) == best
+
+
+def test_held_out_episodes_are_not_those_of_the_search():
+    tuner = make_plus(race_share=0.2, finals_share=0.3)
+    group = lane_group(CountingTask(), range(4))
+    search = {p.proposal.seed for b in spent_by(tuner, group, lambda t: t._in_finals) for p in b}
+    assert not search & {p.seed for p in tuner.ask()}
+
+
+def test_where_lanes_cannot_be_put_back_nothing_is_branched_or_seeded():
+    tuner = make_plus(race_share=0.2, finals_share=0.3, branches=False)
+    group = lane_group(CountingTask(), range(4))
+    batches = spent_by(tuner, group, lambda t: t._in_finals)
+    proposals = [s.proposal for batch in batches for s in batch] + tuner.ask()
+    assert not any(p.branch or p.seed is not None for p in proposals)
+    assert {p.horizon for p in proposals} == {None, 3}
+
+
+@pytest.mark.parametrize("after", [1, 3, 8, 20])
 def test_a_restored_tuner_goes_on_to_the_same_bits(after):
-    tuner, twin = make_plus(candidates=7), make_plus(candidates=7)
+    options = {"race_share": 0.3, "finals_share": 0.3, "budget": 1000}
+    tuner, twin = make_plus(**options), make_plus(**options)
     group = lane_group(CountingTask(), [0, 1, 2, 3])
     iterate(tuner, group, after)
     twin.restore(tuner.state())

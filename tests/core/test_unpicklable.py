@@ -58,3 +58,20 @@ def test_one_that_can_be_saved_is_not_restarted(tmp_path, monkeypatch, capsys):
     assert "cannot be saved" not in capsys.readouterr().err
     tune(tmp_path / "run", Drift)
     assert json.loads((tmp_path / "run" / "result.json").read_text())["lane_restarts"] == 0
+
+
+class Bolted(Drift):
+    """Cannot be copied at all."""
+
+    def __deepcopy__(self, memo):
+        raise TypeError("bolted to the bench")
+
+
+@pytest.mark.parametrize("tuner", ["zoac", "zoac_plus", "cmaes"])
+def test_an_environment_that_cannot_even_be_copied_is_tuned(tmp_path, tuner):
+    result = zoac.tune(
+        env=Bolted, controller=proportional, space={"k": (0, 2), "other": (0, 1)}, tuner=tuner,
+        budget=400, lanes=2, episodes=1, final_episodes=2, quiet=True, max_episode_steps=10,
+        folder=tmp_path / "run",
+    )  # fmt: skip
+    assert result.record["status"] == "done"

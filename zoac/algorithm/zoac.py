@@ -43,7 +43,7 @@ class Zoac(Tuner):
         sigma: Positive,
         step_size: Positive,
         step_size_end: Positive,
-        step_size_slope: Annotated[float, Field(ge=0)],
+        step_size_slope: Annotated[float, Field(ge=0)] = 0.0,
         anneal: bool = True,
         start: Literal["random", "nominal"] = "random",
         gamma: Fraction = 0.99,

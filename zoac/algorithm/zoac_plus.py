@@ -1,6 +1,7 @@
-"""ZOAC with what measurably helps: paired segments, chosen starts, robust advantages.
+"""ZOAC with what measurably helps: a race for the start, paired segments, finals.
 
-Not the paper's method, which `zoac.algorithm.zoac` keeps as published.
+Not the paper's method, which `zoac.algorithm.zoac` keeps as published. `docs/beyond.md` tells what
+each part brings.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from zoac.algorithm.zoac import Zoac
+from zoac.algorithm.finals import Finals
+from zoac.algorithm.race import Race
+from zoac.algorithm.zoac import Count, Fraction, Positive, Zoac
 from zoac.rollout import Proposal, Segment
 from zoac.tuner import Problem
 
@@ -20,61 +23,128 @@ MAD_TO_STD = 1.4826
 
 
 class ZoacPlus(Zoac):
-    """Zeroth-order actor-critic on pairs of branches.
+    """Zeroth-order actor-critic on pairs of branches, from the winner of a race.
 
     A lane runs N steps with theta + sigma epsilon, is put back to where it stood, and runs N steps
     with theta - sigma epsilon; the direction counts by half the difference of the two advantages.
     Start, disturbances and most of what the critic does not know are common to both and cancel.
-    Both branches count as environment steps.
+    Both branches count as environment steps, and so do race and finals.
+
+    Perturbation and step shrink geometrically over the budget. The last part of the budget decides
+    on common held-out episodes between the winner of the race and averages of the iterates.
+
+    Where an environment cannot be put back (`Problem.branches`), directions are run one way, and
+    race and finals on the lanes' own episodes.
     """
 
     def __init__(
         self,
         problem: Problem,
         *,
+        sigma: Positive,
+        sigma_end: Positive,
+        step_size: Positive,
+        step_size_end: Positive,
         paired: bool = True,
-        candidates: Annotated[int, Field(ge=0)] = 40,
+        race_share: Fraction = 0.4,
+        race_rounds: Count = 6,
+        race_survivors: Fraction | None = None,
+        finals_share: Fraction = 0.1,
+        finals_entries: Count = 3,
         clip_advantages: Annotated[float, Field(gt=0)] | None = 3.0,
         **options: Any,
     ) -> None:
         """
         Args:
             problem: What is tuned.
+            sigma: Standard deviation of the perturbation in the mapped box, at first.
+            sigma_end: The same at the end of the budget.
+            step_size: At first.
+            step_size_end: At the end of the budget.
             paired: Run every direction both ways from the same state.
-            candidates: Random parameter vectors, one episode each, of which the best is where
-                tuning starts; 0 starts as `start` says.
+            race_share: Part of the budget for finding a start; 0 starts as `start` says.
+            race_rounds: Rounds of the race, with horizons that grow to a whole episode.
+            race_survivors: Part of each round's field that the last round's best make up; the rest
+                are their children. Few survivors suit few parameters; None: by their number.
+            finals_share: Part of the budget for held-out episodes on which the recommendation is
+                chosen; 0 recommends as `recommend` says.
+            finals_entries: Averages of the iterates that meet the winner of the race there, taken
+                at equal distances.
             clip_advantages: Scale by the median absolute deviation, as a standard deviation, and
                 clip here; None leaves them as `standardise_advantages` says.
-            options: Those of `Zoac`.
+            options: Those of `Zoac`; the schedules above stand in for its annealing.
         """
-        super().__init__(problem, **options)
-        self._paired, self._clip = paired, clip_advantages
-        self._count = candidates
-        self._candidates = np.empty((0, problem.space.dimension))
-        self._candidate_costs: list[float] = []
-        if candidates:
-            drawn = self._rng.uniform(-1.0, 1.0, (candidates, problem.space.dimension))
-            # The start that `start` names is a candidate too.
-            self._candidates = np.concatenate([self._theta[None], drawn])[:candidates]
+        super().__init__(
+            problem, sigma=sigma, step_size=step_size, step_size_end=step_size_end, **options
+        )
+        self._sigmas = (sigma, sigma_end)
+        self._paired, self._clip = paired and problem.branches, clip_advantages
+        self._race = Race(
+            problem,
+            self._rng,
+            self._theta,
+            share=race_share,
+            rounds=race_rounds,
+            survivors=race_survivors,
+        )
+        self._finals = Finals(problem)
+        if self._race.over:
+            self._finals.enter(self._theta)
+        self._entries, self._entered = finals_entries, 0
+        self._spent, self._search_from = 0, 0
+        self._search_to = problem.budget * (1.0 - finals_share)
+        self._race_share, self._finals_share = race_share, finals_share
+
+    @property
+    def progress(self) -> float:
+        """How far between race and finals, from 0 to 1."""
+        whole = max(1.0, self._search_to - self._search_from)
+        return min(1.0, (self._spent - self._search_from) / whole)
+
+    @property
+    def step_size(self) -> float:
+        """Shrinks geometrically from the first to the last."""
+        first, last, _ = self._step_sizes
+        return first * (last / first) ** self.progress
+
+    @property
+    def _in_finals(self) -> bool:
+        return self._race.over and self._finals_share > 0 and self._spent >= self._search_to
 
     def ask(self) -> list[Proposal]:
-        """Return episodes of the next candidates, and then pairs of segments."""
-        tried = len(self._candidate_costs)
-        if tried < self._count:
-            batch = self._candidates[tried : tried + self._problem.lanes]
-            return [Proposal(z=z, lane=i) for i, z in enumerate(batch)]
+        """Return the race's next round, then pairs of segments, then the finals' episodes."""
+        if not self._race.over:
+            return self._race.ask()
+        if self._in_finals:
+            return self._finals.ask()
+        first, last = self._sigmas
+        self._sigma = first * (last / first) ** self.progress
         return super().ask()
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
-        """Take the candidates' costs, and then update critic and parameters."""
-        if len(self._candidate_costs) >= self._count:
-            return super().tell(segments)
-        costs = [float(s.costs.sum()) for s in segments]
-        self._candidate_costs += [cost if np.isfinite(cost) else np.inf for cost in costs]
-        best = int(np.argmin(self._candidate_costs))
-        self._theta = self._candidates[best].copy()
+        """Hand what came back to the part that asked for it."""
+        steps = sum(segment.length for segment in segments)
+        if not self._race.over:
+            self._spent += steps
+            return self._tell_race(segments)
+        if self._in_finals:
+            self._spent += steps
+            return self._finals.tell(segments)
+        numbers = super().tell(segments)
+        self._spent += steps
+        while self._entered < self._entries * self.progress - 1e-9:
+            self._entered += 1
+            self._finals.enter(self._average)
+        return {**numbers, "sigma": self._sigma}
+
+    def _tell_race(self, segments: Sequence[Segment]) -> dict[str, float]:
+        numbers = self._race.tell(segments)
+        self._theta = self._race.best
         self._average = self._theta.copy()
-        return {"best_candidate_cost": self._candidate_costs[best]}
+        if self._race.over:
+            self._search_from = self._spent
+            self._finals.enter(self._theta)
+        return numbers
 
     def _perturbed(self, offset: np.ndarray, lane: int) -> list[Proposal]:
         if not self._paired:
@@ -95,20 +165,36 @@ class ZoacPlus(Zoac):
         deviation = MAD_TO_STD * float(np.median(np.abs(advantages - centre))) + 1e-8
         return np.clip((advantages - centre) / deviation, -self._clip, self._clip)
 
+    def recommend(self) -> np.ndarray:
+        """Return who leads the finals; before them, the race's leader or the average."""
+        return self._finals.best if self._finals.begun else super().recommend()
+
     def state(self) -> dict[str, Any]:
         """Return everything that lasts between iterations."""
-        return {**super().state(), "candidate_costs": list(self._candidate_costs)}
+        return {
+            **super().state(),
+            "race": self._race.state(),
+            "finals": self._finals.state(),
+            "progress": (self._spent, self._search_from, self._entered),
+        }
 
     def restore(self, state: Any) -> None:
         """Put back what `state` returned."""
         super().restore(state)
-        self._candidate_costs = list(state["candidate_costs"])
+        self._race.restore(state["race"])
+        self._finals.restore(state["finals"])
+        self._spent, self._search_from, self._entered = state["progress"]
 
     def describe(self) -> dict[str, Any]:
         """Return the choices that a comparison must show."""
         choices = super().describe()
-        if self._count:
-            choices["start"] = f"best of {self._count} random vectors, one episode each, counted"
+        if self._race_share:
+            choices["start"] = f"race, {self._race_share:.0%} of the budget"
         if self._paired:
             choices["noise_model"] = f"paired branches; {choices['noise_model']}"
+        if self._finals_share:
+            choices["recommendation"] = (
+                f"best of {self._entries + 1} on common held-out episodes, "
+                f"{self._finals_share:.0%} of the budget"
+            )
         return choices
