@@ -40,7 +40,7 @@ class BayesOpt(NevergradTuner):
         kappa: Annotated[float, Field(ge=0)] = 2.576,
         xi: Annotated[float, Field(ge=0)] = 0.0,
         refit_growth: Annotated[float, Field(ge=0)] = 0.05,
-        max_observations: Annotated[int, Field(ge=10)] | None = 500,
+        max_observations: Annotated[int, Field(ge=10)] | None = 300,
         recommendation: Literal["library", "mean", "best_seen", "reevaluated"] = "library",
         reevaluate_top: Count = 10,
         reevaluate_share: Share = 0.1,

@@ -74,4 +74,4 @@ def test_an_environment_that_cannot_even_be_copied_is_tuned(tmp_path, tuner):
         budget=400, lanes=2, episodes=1, final_episodes=2, quiet=True, max_episode_steps=10,
         folder=tmp_path / "run",
     )  # fmt: skip
-    assert result.record["status"] == "done"
+    assert result.env_steps >= 400
