@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from zoac.analysis import compact_format
 from zoac.errors import RunFolderError, suggest
 from zoac.records import (
     METRICS,
@@ -170,6 +171,8 @@ def unfinished(run: Run) -> str:
 def load(root: str | Path) -> Collection:
     """Read every run folder below `root`, or `root` itself; skip folders that begin with a dot.
 
+    A folder that `zoac.analysis.compact` wrote is read likewise.
+
     Raises:
         RunFolderError: If `root` is no folder, holds no run, or two folders hold the same run.
     """
@@ -178,6 +181,8 @@ def load(root: str | Path) -> Collection:
         raise RunFolderError(f"no folder {str(root)!r}; expected the folder that holds the runs")
     runs: list[Run] = []
     skipped: list[Skipped] = []
+    if compact_format.is_compact(root):
+        runs += [Run(root / r.name, r.identity, r.metrics, r.result) for r in _compact(root)]
     for folder in _candidates(root):
         try:
             runs.append(read(folder))
@@ -190,6 +195,17 @@ def load(root: str | Path) -> Collection:
     runs.sort(key=_order)
     _refuse_copies(runs)
     return Collection(tuple(runs), tuple(skipped))
+
+
+def _compact(root: Path) -> list[compact_format.Record]:
+    try:
+        return list(compact_format.read(root))
+    except (OSError, KeyError, ValueError) as error:
+        raise RunFolderError(
+            f"{root}: its {compact_format.RUNS}, {compact_format.EVALUATIONS} and "
+            f"{compact_format.METHODS} cannot be read together ({type(error).__name__}: {error}); "
+            "write them anew with python -m zoac.analysis.compact"
+        ) from None
 
 
 def read(folder: Path) -> Run:

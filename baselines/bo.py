@@ -6,7 +6,6 @@ import contextlib
 import io
 import pickle
 import warnings
-from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Any, Literal
 
@@ -16,6 +15,7 @@ from pydantic import Field
 from scipy.optimize import minimize
 from sklearn.gaussian_process import GaussianProcessRegressor
 
+from zoac.baselines.acquisition import Acquisition
 from zoac.baselines.episodes import Count, Positive, Share
 from zoac.baselines.nevergrad import NevergradTuner
 from zoac.tuner import Problem
@@ -199,15 +199,15 @@ def suggest(bo: Any, utility: Any) -> dict[str, float]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the fit's convergence, as in the library
         bo._gp.fit(bo.space.params, bo.space.target)
-    best = bo.space.target.max()
-    point = maximise(
-        lambda points: utility.utility(points, bo._gp, best), bo.space.bounds, bo._random_state
+    acquisition = Acquisition(
+        bo._gp, utility.kind, best=bo.space.target.max(), kappa=utility.kappa, xi=utility.xi
     )
+    point = maximise(acquisition, bo.space.bounds, bo._random_state)
     return bo.space.array_to_params(point)
 
 
 def maximise(
-    function: Callable[[np.ndarray], np.ndarray],
+    acquisition: Acquisition,
     bounds: np.ndarray,
     random_state: np.random.RandomState,
     samples: int = 10_000,
@@ -215,11 +215,10 @@ def maximise(
 ) -> np.ndarray:
     """Return the best point (d,) of a random search and of L-BFGS-B from random starts.
 
-    It is `bayes_opt.util.acq_max`, from the same random numbers, with one difference: the d + 1
-    values of a finite-difference gradient come from one call, not from d + 1 of them.
+    It is `bayes_opt.util.acq_max`, from the same random numbers, with exact gradients.
 
     Args:
-        function: Maps points (n, d) to values (n,).
+        acquisition: What to maximise.
         bounds: Lower and upper bounds (d, 2).
         random_state: Gives the random points.
         samples: Points of the random search.
@@ -227,13 +226,12 @@ def maximise(
     """
     low, high = bounds.T
     points = random_state.uniform(low, high, (samples, len(low)))
-    values = function(points)
+    values = acquisition.values(points)
     best, best_value = points[values.argmax()], values.max()
 
     def descend(x: np.ndarray) -> tuple[float, np.ndarray]:
-        step = np.where(x + 1e-8 <= high, 1e-8, -1e-8)
-        value, *ahead = -function(np.vstack([x, x + np.diag(step)]))
-        return value, (np.array(ahead) - value) / step
+        value, gradient = acquisition.value_and_gradient(x)
+        return -value, -gradient
 
     for start in random_state.uniform(low, high, (starts, len(low))):
         result = minimize(descend, start, jac=True, bounds=bounds, method="L-BFGS-B")

@@ -8,6 +8,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import Matern
 
 from tests.baselines.support import STEPS, TARGET, drive, lanes, problem, spoiled, true_cost
+from zoac.baselines.acquisition import Acquisition
 from zoac.baselines.bo import BayesOpt, BoundedRegressor, kept_observations, maximise
 from zoac.baselines.optuna import Optuna, normal_scores
 from zoac.baselines.random_search import RandomSearch
@@ -67,27 +68,58 @@ def test_best_half_and_latest_half_are_kept():
     assert kept_observations(values, None).tolist() == list(range(8))
 
 
+def fitted(kind):
+    """Return our acquisition function and the library's, of one fitted process."""
+    points, values = data()
+    model = process().fit(points, values)
+    utility = UtilityFunction(kind=kind, kappa=2.576, xi=0.01)
+    ours = Acquisition(model, kind, best=values.max(), kappa=2.576, xi=0.01)
+    return ours, lambda x: utility.utility(x, model, values.max())
+
+
+@pytest.mark.parametrize("kind", ["ucb", "ei", "poi"])
+def test_acquisition_values_are_the_librarys(kind):
+    ours, theirs = fitted(kind)
+    points = np.random.default_rng(3).uniform(size=(50, 3))
+    np.testing.assert_allclose(ours.values(points), theirs(points), rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["ucb", "ei", "poi"])
+def test_acquisition_gradients_are_the_slopes_of_its_values(kind):
+    ours, _ = fitted(kind)
+    for x in np.random.default_rng(4).uniform(size=(10, 3)):
+        value, gradient = ours.value_and_gradient(x)
+        steps = 1e-5 * np.eye(3)
+        numeric = (ours.values(x + steps) - ours.values(x - steps)) / 2e-5
+        np.testing.assert_allclose(gradient, numeric, rtol=1e-4, atol=1e-5)
+        assert value == pytest.approx(ours.values(x[None])[0], rel=1e-7)
+
+
 def test_the_acquisition_is_maximised_as_the_library_does():
     points, values = data()
     model = process().fit(points, values)
     utility = UtilityFunction(kind="ucb", kappa=2.576, xi=0.0).utility
     bounds = np.array([[0.0, 1.0]] * 3)
     theirs = acq_max(utility, model, values.max(), bounds, np.random.RandomState(0))
-    ours = maximise(
-        lambda x: utility(x, model, values.max()),
-        bounds,
-        np.random.RandomState(0),
-    )
+    acquisition = Acquisition(model, "ucb", best=values.max(), kappa=2.576)
+    ours = maximise(acquisition, bounds, np.random.RandomState(0))
     assert np.allclose(ours, theirs, atol=1e-3)
 
 
-def test_the_acquisition_is_maximised_inside_the_box():
-    def rising(points):
+class Rising:
+    """Grows towards the corner (1, ..., 1)."""
+
+    def values(self, points):
         assert np.all((points >= 0.0) & (points <= 1.0))
         return points.sum(axis=1)
 
+    def value_and_gradient(self, x):
+        return self.values(x[None])[0], np.ones_like(x)
+
+
+def test_the_acquisition_is_maximised_inside_the_box():
     bounds = np.array([[0.0, 1.0]] * 3)
-    assert maximise(rising, bounds, np.random.RandomState(0)).tolist() == [1.0] * 3
+    assert maximise(Rising(), bounds, np.random.RandomState(0)).tolist() == [1.0] * 3
 
 
 def test_bo_evaluates_its_start_first():

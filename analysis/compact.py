@@ -1,0 +1,119 @@
+"""Runs in three small files: `python -m zoac.analysis.compact runs --out results`.
+
+Every other command reads such a folder like the runs themselves. What is kept: of each finished run
+its whole result; of its evaluations while tuning the metrics and each episode's cost, to six
+digits; of its configuration one copy for all seeds of a method. What is not: parameters while
+tuning, training rows, commands, dates.
+
+    runs.csv         one row per run: task, tuner, variant, seed, and its result
+    evaluations.csv  one row per evaluation while tuning
+    methods.json     what run.json says, one record per method
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from zoac.analysis import cli
+from zoac.analysis.compact_format import EVALUATIONS, KEY, METHODS, RUNS
+from zoac.analysis.load import Run, by_method
+
+OF_ONE_RUN = ("seed", "command", "started")
+"""Keys of run.json that belong to a single run."""
+
+LEFT_OUT = ("z", "config_hash", "format")
+"""Of a result: what follows from parameters and run.json."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the three files; return the exit code."""
+    parser = cli.parser("compact", "Runs in three small files.", out="results")
+    return cli.guarded(_command, parser, argv)
+
+
+def _command(options: argparse.Namespace) -> None:
+    runs = cli.load_aloud(options.runs).finished
+    folder = cli.output_folder(options.out)
+    cli.write(folder / RUNS, runs_csv(runs))
+    cli.write(folder / EVALUATIONS, evaluations_csv(runs))
+    cli.write(folder / METHODS, methods_json(runs))
+
+
+def runs_csv(runs: Iterable[Run]) -> str:
+    """Return one row per run."""
+    rows = []
+    for run in runs:
+        result = {k: v for k, v in run.outcome.items() if k not in (*KEY, *LEFT_OUT)}
+        parameters = result.pop("parameters")
+        rows.append(
+            {
+                **{key: run.identity[key] for key in KEY},
+                **result,
+                **{f"parameters.{name}": value for name, value in parameters.items()},
+            }
+        )
+    return _csv(rows, exact)
+
+
+def evaluations_csv(runs: Iterable[Run]) -> str:
+    """Return one row per evaluation while tuning."""
+    rows = [
+        {
+            **{key: run.identity[key] for key in KEY},
+            **{k: v for k, v in row.items() if k not in ("kind", "final", "parameters", *LEFT_OUT)},
+        }
+        for run in runs
+        if run.tuned
+        for row in run.evaluations
+    ]
+    return _csv(rows, rounded)
+
+
+def methods_json(runs: Iterable[Run]) -> str:
+    """Return what run.json says of each method."""
+    records = []
+    for group in by_method(runs).values():
+        record = {k: v for k, v in group[0].identity.items() if k not in OF_ONE_RUN}
+        record["config"] = {k: v for k, v in record["config"].items() if k != "seed"}
+        record["config_hash"] = {str(run.seed): run.identity["config_hash"] for run in group}
+        records.append(record)
+    return json.dumps(records, indent=1) + "\n"
+
+
+def exact(value: Any) -> str:
+    """Return a cell that reads back to the same bits."""
+    return json.dumps(value)
+
+
+def rounded(value: Any) -> str:
+    """Return a cell of six significant digits."""
+    return f"{value:.6g}" if isinstance(value, float) else json.dumps(value)
+
+
+def _csv(rows: Sequence[Mapping[str, Any]], number: Callable[[Any], str]) -> str:
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(columns)
+    for row in rows:
+        writer.writerow([_cell(row.get(column), number) for column in columns])
+    return out.getvalue()
+
+
+def _cell(value: Any, number: Callable[[Any], str]) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, list):
+        return " ".join(map(number, value))
+    return number(value)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,80 @@
+"""What `zoac.analysis.compact` wrote, read back."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+RUNS, EVALUATIONS, METHODS = "runs.csv", "evaluations.csv", "methods.json"
+
+KEY = ("task", "tuner", "variant", "seed")
+"""What tells runs apart."""
+
+TEXTS = ("task", "tuner", "variant")
+LISTS = ("cost_per_episode", "episode_lengths")
+
+
+class Record(NamedTuple):
+    """One run: run.json without what belongs to the run alone, metrics.jsonl, result.json."""
+
+    name: str
+    identity: dict[str, Any]
+    metrics: list[dict[str, Any]]
+    result: dict[str, Any]
+
+
+def is_compact(folder: Path) -> bool:
+    """Tell whether `folder` holds runs in this form."""
+    return (folder / RUNS).is_file()
+
+
+def read(folder: Path) -> Iterator[Record]:
+    """Yield the runs of a folder."""
+    methods = {
+        (m["task"], m["tuner"], m["variant"]): m
+        for m in json.loads((folder / METHODS).read_text(encoding="utf-8"))
+    }
+    evaluations: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for row in _rows(folder / EVALUATIONS):
+        evaluations.setdefault(_key(row), []).append({"kind": "eval", "final": False, **row})
+    for row in _rows(folder / RUNS):
+        parameters = {
+            name.removeprefix("parameters."): row.pop(name)
+            for name in [name for name in row if name.startswith("parameters.")]
+        }
+        method, seed = methods[row["task"], row["tuner"], row["variant"]], row["seed"]
+        hashed = method["config_hash"][str(seed)]
+        identity = {
+            **method,
+            "seed": seed,
+            "config": {**method["config"], "seed": seed},
+            "config_hash": hashed,
+        }
+        result = {**row, "parameters": parameters, "config_hash": hashed}
+        last = {"kind": "eval", "final": True, **result}
+        name = "-".join(str(part) for part in _key(row) if part is not None)
+        yield Record(name, identity, [*evaluations.get(_key(row), []), last], result)
+
+
+def _key(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple(row[key] for key in KEY)
+
+
+def _rows(path: Path) -> list[dict[str, Any]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    return [
+        {name: _value(name, cell) for name, cell in row.items() if cell != "" or name == "variant"}
+        for row in rows
+    ]
+
+
+def _value(name: str, cell: str) -> Any:
+    if name in TEXTS:
+        return cell or None
+    if name in LISTS:
+        return [json.loads(part) for part in cell.split(" ")]
+    return json.loads(cell)

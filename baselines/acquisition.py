@@ -1,0 +1,116 @@
+"""Acquisition functions of a Gaussian process, with their gradients.
+
+The library's values (`bayes_opt.util.UtilityFunction`), which it climbs by finite differences
+through scikit-learn: most of the time of an ask. Here the gradient is written out for the library's
+kernel, a Matern of smoothness 5/2 with one length scale.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import ndtr
+from sklearn.gaussian_process import GaussianProcessRegressor
+
+Kind = Literal["ucb", "ei", "poi"]
+
+_SMALLEST_VARIANCE = 1e-12  # relative to the prior's; rounding makes it negative at known points
+_PIECE = 500  # points at a time, for matrices that stay in the processor's cache
+
+
+class Acquisition:
+    """What a point promises, to be maximised, under a fitted process."""
+
+    def __init__(
+        self,
+        process: GaussianProcessRegressor,
+        kind: Kind,
+        *,
+        best: float,
+        kappa: float = 0.0,
+        xi: float = 0.0,
+    ) -> None:
+        """
+        Args:
+            process: Fitted, with the kernel Matern(nu=2.5).
+            kind: Upper confidence bound, expected improvement, or its probability.
+            best: The best value so far.
+            kappa: Standard deviations in the upper confidence bound.
+            xi: Margin in the two improvements.
+        """
+        self._kind, self._best, self._kappa, self._xi = kind, best, kappa, xi
+        self._points = process.X_train_ / process.kernel_.length_scale
+        self._scale = float(process.kernel_.length_scale)
+        self._alpha = process.alpha_
+        self._mean, self._std = float(process._y_train_mean), float(process._y_train_std)
+        eye = np.eye(len(self._points))
+        self._whitening = solve_triangular(process.L_, eye, lower=True, check_finite=False)
+
+    def values(self, points: np.ndarray) -> np.ndarray:
+        """Return the value (n,) of each of the points (n, d)."""
+        pieces = range(0, len(points), _PIECE)
+        return np.concatenate([self._values(points[i : i + _PIECE]) for i in pieces])
+
+    def _values(self, points: np.ndarray) -> np.ndarray:
+        distances = np.sqrt(np.maximum(_squared_distances(points / self._scale, self._points), 0.0))
+        covariance = _matern(distances)
+        reduced = covariance @ self._whitening.T
+        variance = 1.0 - np.einsum("ij,ij->i", reduced, reduced)
+        std = self._std * np.sqrt(np.maximum(variance, _SMALLEST_VARIANCE))
+        mean = self._std * (covariance @ self._alpha) + self._mean
+        return self._value(mean, std)
+
+    def value_and_gradient(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return the value at `x` (d,) and its gradient (d,)."""
+        offsets = x / self._scale - self._points
+        distances = np.sqrt(np.einsum("ij,ij->i", offsets, offsets))
+        covariance = _matern(distances)
+        # d covariance / d x = slope * offset / length scale
+        decay = np.exp(-math.sqrt(5.0) * distances)
+        slope = -5.0 / 3.0 * (1.0 + math.sqrt(5.0) * distances) * decay / self._scale
+        reduced = self._whitening @ covariance
+        variance = 1.0 - reduced @ reduced
+        by_variance = -2.0 * ((self._whitening.T @ reduced) * slope) @ offsets
+        if variance < _SMALLEST_VARIANCE:
+            variance, by_variance = _SMALLEST_VARIANCE, np.zeros_like(x)
+        mean = self._std * float(covariance @ self._alpha) + self._mean
+        std = self._std * math.sqrt(variance)
+        mean_gradient = self._std * ((self._alpha * slope) @ offsets)
+        std_gradient = self._std * by_variance / (2.0 * math.sqrt(variance))
+        by_mean, by_std = self._slopes(mean, std)
+        value = float(self._value(np.array([mean]), np.array([std]))[0])
+        return value, by_mean * mean_gradient + by_std * std_gradient
+
+    def _value(self, mean: np.ndarray, std: np.ndarray) -> np.ndarray:
+        if self._kind == "ucb":
+            return mean + self._kappa * std
+        gain = mean - self._best - self._xi
+        if self._kind == "poi":
+            return ndtr(gain / std)
+        return gain * ndtr(gain / std) + std * _normal_density(gain / std)
+
+    def _slopes(self, mean: float, std: float) -> tuple[float, float]:
+        """Return the derivatives of the value with respect to mean and standard deviation."""
+        if self._kind == "ucb":
+            return 1.0, self._kappa
+        z = (mean - self._best - self._xi) / std
+        density = float(_normal_density(z))
+        if self._kind == "poi":
+            return density / std, -density * z / std
+        return float(ndtr(z)), density
+
+
+def _squared_distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (a * a).sum(1)[:, None] + (b * b).sum(1) - 2.0 * (a @ b.T)
+
+
+def _matern(distances: np.ndarray) -> np.ndarray:
+    r = math.sqrt(5.0) * distances
+    return (1.0 + r + r * r / 3.0) * np.exp(-r)
+
+
+def _normal_density(z: np.ndarray | float) -> np.ndarray:
+    return np.exp(-0.5 * np.square(z)) / math.sqrt(2.0 * math.pi)
