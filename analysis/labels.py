@@ -11,6 +11,7 @@ TUNERS = {
     "zoac_plus": "ZOAC+",
     "bo": "BO",
     "cmaes": "CMA-ES",
+    "cmaes_full": "CMA-ES (full, mean)",
     "es": "ES",
     "random": "Random search",
     "nominal": "Nominal",

@@ -1,0 +1,177 @@
+"""Tuners at several budgets, as ratios: `python -m zoac.analysis.beyond runs --out tables`.
+
+A run's cost is divided by a reference cost on the same evaluation episodes: that of the nominal
+controller or, with `--reference best`, that of the best run there is. One row per tuner and
+variant, one column per budget: mean ratio, worst ratio, number of seeds. Writes beyond.md and
+beyond.csv; an ablation is a table whose variants leave one thing out each.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from zoac.analysis import cli
+from zoac.analysis.fairness import refuse_unequal
+from zoac.analysis.formatting import NOTHING, pipes
+from zoac.analysis.labels import TASKS, TUNERS
+from zoac.analysis.load import Run
+from zoac.errors import RunFolderError
+
+REFERENCES = ("nominal", "best")
+ASIDE = ("budget", "mpc_solver", "executor")
+"""Keys of a variant that name no method: the columns, and what moves no plan."""
+
+
+class Row(NamedTuple):
+    """A method, and the ratios of its seeds at each budget."""
+
+    tuner: str
+    variant: str
+    ratios: Mapping[int, Mapping[int, float]]  # budget -> seed -> ratio
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write one table per task; return the exit code."""
+    parser = cli.parser("beyond", "Tuners at several budgets, as ratios.", out="tables")
+    parser.add_argument("--task", help="default: every task there is")
+    parser.add_argument(
+        "--reference", choices=REFERENCES, default="nominal", help="default: nominal"
+    )
+    parser.add_argument("--seeds", metavar="FIRST-LAST", type=_span, help="such as 100-109")
+    return cli.guarded(_command, parser, argv)
+
+
+def _command(options: argparse.Namespace) -> None:
+    collection = cli.load_aloud(options.runs)
+    if options.task:
+        collection = collection.of_task(options.task)
+    folder = cli.output_folder(options.out)
+    texts, frames = [], []
+    for task in sorted({run.method.task for run in collection.finished}):
+        runs = [run for run in collection.finished if run.method.task == task]
+        base = reference_costs(runs, options.reference)
+        rows = table(runs, base, options.seeds)
+        texts.append(markdown(task, rows, options.reference, float(base.mean())))
+        frames.append(frame(task, rows))
+    text = "\n".join(texts)
+    print(text)
+    cli.write(folder / "beyond.md", text)
+    records = pd.concat(frames, ignore_index=True)
+    cli.write(folder / "beyond.csv", records.to_csv(index=False, lineterminator="\n"))
+
+
+def reference_costs(runs: Sequence[Run], reference: str) -> np.ndarray:
+    """Return the reference's cost of each evaluation episode, (E,).
+
+    Raises:
+        RunFolderError: If there is no run with the nominal controller.
+    """
+    if reference == "best":
+        return min((run.costs for run in runs), key=lambda costs: float(costs.mean()))
+    nominal = [run for run in runs if not run.tuned]
+    if not nominal:
+        raise RunFolderError(
+            f"no run of the nominal controller on {runs[0].method.task}; make one with "
+            "tuner=nominal, or give --reference best"
+        )
+    return nominal[0].costs
+
+
+def table(
+    runs: Sequence[Run], reference: np.ndarray, seeds: tuple[int, int] | None = None
+) -> list[Row]:
+    """Return the rows, best at the largest budget first.
+
+    Args:
+        runs: Finished runs of one task.
+        reference: Its cost of each evaluation episode (E,).
+        seeds: First and last seed to count; all by default.
+
+    Raises:
+        RunFolderError: If runs met other episodes than the reference, or differ in settings.
+    """
+    found: dict[tuple[str, str], dict[int, dict[int, float]]] = {}
+    compared: dict[int, list[Run]] = {}
+    for run in runs:
+        if not run.tuned or (seeds and not seeds[0] <= run.seed <= seeds[1]):
+            continue
+        if len(run.costs) != len(reference):
+            raise RunFolderError(
+                f"{run.folder}: {len(run.costs)} evaluation episodes where the reference has "
+                f"{len(reference)}"
+            )
+        budget = int(run.config["budget"])
+        compared.setdefault(budget, []).append(run)
+        row = found.setdefault((run.method.tuner, _variant(run)), {})
+        row.setdefault(budget, {})[run.seed] = float(run.costs.mean() / reference.mean())
+    for same_budget in compared.values():
+        refuse_unequal(same_budget)
+    rows = [Row(tuner, variant, ratios) for (tuner, variant), ratios in found.items()]
+    return sorted(rows, key=lambda row: _mean(row.ratios[max(row.ratios)]))
+
+
+def markdown(task: str, rows: Sequence[Row], reference: str, cost: float) -> str:
+    """Return a Markdown table under a title."""
+    budgets = sorted({budget for row in rows for budget in row.ratios})
+    against = "the nominal controller" if reference == "nominal" else "the best run"
+    lines = [["Tuner", *(f"{budget:,} steps" for budget in budgets)]]
+    for row in rows:
+        label = TUNERS.get(row.tuner, row.tuner) + (f" [{row.variant}]" if row.variant else "")
+        lines.append([label, *(_cell(row.ratios.get(budget)) for budget in budgets)])
+    return (
+        f"## {TASKS.get(task, task)}\n\n"
+        f"Cost over that of {against} ({cost:.4g}) on the same episodes: mean, worst seed, (number "
+        f"of seeds).\n\n{pipes(lines)}\n"
+    )
+
+
+def frame(task: str, rows: Sequence[Row]) -> pd.DataFrame:
+    """Return one row per run: task, tuner, variant, budget, seed, ratio."""
+    return pd.DataFrame(
+        [
+            {
+                "task": task,
+                "tuner": row.tuner,
+                "variant": row.variant,
+                "budget": budget,
+                "seed": seed,
+                "ratio": ratio,
+            }
+            for row in rows
+            for budget, ratios in sorted(row.ratios.items())
+            for seed, ratio in sorted(ratios.items())
+        ]
+    )
+
+
+def _cell(ratios: Mapping[int, float] | None) -> str:
+    if not ratios:
+        return NOTHING
+    return f"{_ratio(_mean(ratios))}, {_ratio(max(ratios.values()))} ({len(ratios)})"
+
+
+def _ratio(value: float) -> str:
+    return f"{value:.3f}" if value < 10 else f"{value:.3g}"
+
+
+def _mean(ratios: Mapping[Any, float]) -> float:
+    return float(np.mean(list(ratios.values())))
+
+
+def _variant(run: Run) -> str:
+    parts = (run.method.variant or "").split(",")
+    return ",".join(part for part in parts if part.partition("=")[0] not in ASIDE)
+
+
+def _span(text: str) -> tuple[int, int]:
+    first, _, last = text.partition("-")
+    return int(first), int(last or first)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

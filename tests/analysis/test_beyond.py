@@ -1,0 +1,61 @@
+"""Ratios at several budgets."""
+
+import pytest
+
+from tests.analysis.folders import write_run
+from zoac.analysis import beyond
+from zoac.analysis.load import load
+
+
+@pytest.fixture
+def runs(tmp_path):
+    root = tmp_path / "runs"
+    write_run(root, "nominal", costs=(2.0, 4.0), evaluations=())
+    for seed, cost in ((0, 3.0), (1, 6.0), (100, 12.0)):
+        write_run(root, seed=seed, costs=(cost, cost))
+        write_run(
+            root, seed=seed, costs=(cost / 2, cost / 2), variant="budget=5000",
+            config={"budget": 5000},
+        )  # fmt: skip
+    write_run(root, seed=0, costs=(9.0, 9.0), variant="tuner.sigma=0.2")
+    return root
+
+
+def rows(root, seeds=None, reference="nominal"):
+    finished = load(root).finished
+    table = beyond.table(finished, beyond.reference_costs(finished, reference), seeds)
+    return {row.variant: row.ratios for row in table}
+
+
+def test_a_ratio_is_the_mean_cost_over_the_nominal_one(runs):
+    assert rows(runs)[""] == {1000: {0: 1.0, 1: 2.0, 100: 4.0}, 5000: {0: 0.5, 1: 1.0, 100: 2.0}}
+
+
+def test_the_budget_is_a_column_and_other_options_a_row(runs):
+    assert set(rows(runs)) == {"", "tuner.sigma=0.2"}
+
+
+def test_seeds_can_be_kept_apart(runs):
+    assert rows(runs, seeds=(100, 109))[""] == {1000: {100: 4.0}, 5000: {100: 2.0}}
+
+
+def test_the_best_run_can_be_the_reference(runs):
+    assert rows(runs, reference="best")[""][5000] == {0: 1.0, 1: 2.0, 100: 4.0}
+
+
+def test_the_command_prints_mean_worst_and_number(runs, tmp_path, capsys):
+    assert beyond.main([str(runs), "--out", str(tmp_path / "out"), "--seeds", "0-9"]) == 0
+    assert "| ZOAC | 1.500, 2.000 (2) | 0.750, 1.000 (2) |" in capsys.readouterr().out
+    assert (tmp_path / "out" / "beyond.csv").read_text().count("\n") == 6
+
+
+def test_without_a_nominal_run_it_says_what_to_do(tmp_path, capsys):
+    write_run(tmp_path / "runs")
+    assert beyond.main([str(tmp_path / "runs")]) == 1
+    assert "tuner=nominal, or give --reference best" in capsys.readouterr().err
+
+
+def test_other_evaluation_episodes_are_refused(runs, capsys):
+    write_run(runs, seed=7, costs=(1.0, 2.0, 3.0))
+    assert beyond.main([str(runs)]) == 1
+    assert "3 evaluation episodes where the reference has 2" in capsys.readouterr().err

@@ -1,0 +1,71 @@
+"""Runs in three small files say what the run folders say."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tests.analysis.folders import write_run
+from zoac.analysis import compact, table2
+from zoac.analysis.load import load
+
+
+@pytest.fixture
+def runs(tmp_path):
+    root = tmp_path / "runs"
+    for seed in range(2):
+        write_run(root, seed=seed, costs=(3.0 + seed / 3, 4.0, 5.0, 6.1))
+        write_run(root, "bo", seed=seed, variant="tuner.noise=0.1", costs=(4.0, 5.0, 6.0, 7.0))
+    write_run(root, "nominal", costs=(3.0, 3.0, 3.0, 1 / 3), evaluations=())
+    return root
+
+
+@pytest.fixture
+def small(runs, tmp_path):
+    assert compact.main([str(runs), "--out", str(tmp_path / "results")]) == 0
+    return tmp_path / "results"
+
+
+def test_results_and_identities_come_back_exactly(runs, small):
+    for run, twin in zip(load(runs).runs, load(small).runs, strict=True):
+        assert (twin.method, twin.seed) == (run.method, run.seed)
+        assert dict(twin.config) == dict(run.config)
+        assert np.array_equal(twin.costs, run.costs)
+        assert twin.outcome["parameters"] == run.outcome["parameters"]
+
+
+def test_evaluations_come_back_to_six_digits(runs, small):
+    for run, twin in zip(load(runs).runs, load(small).runs, strict=True):
+        assert len(twin.evaluations) == (len(run.evaluations) if run.tuned else 0)
+        for row, again in zip(run.evaluations, twin.evaluations, strict=False):
+            assert again["env_steps"] == row["env_steps"]
+            assert again["cost_mean"] == pytest.approx(row["cost_mean"], rel=1e-5)
+            assert again["cost_per_episode"] == pytest.approx(row["cost_per_episode"], rel=1e-5)
+
+
+def test_tables_of_both_are_the_same_bytes(runs, small, tmp_path):
+    for source, out in ((runs, "a"), (small, "b")):
+        assert table2.main([str(source), "--task", "pid_acc", "--out", str(tmp_path / out)]) == 0
+    for name in ("table2.md", "table2.tex", "table2.csv"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_the_files_are_the_same_bytes_whenever_written(runs, small, tmp_path):
+    assert compact.main([str(small), "--out", str(tmp_path / "again")]) == 0
+    for name in ("runs.csv", "methods.json"):
+        assert (tmp_path / "again" / name).read_bytes() == (small / name).read_bytes()
+
+
+def test_a_folder_with_a_file_missing_is_refused_by_name(small, capsys):
+    (small / "methods.json").unlink()
+    assert table2.main([str(small)]) == 1
+    assert "methods.json" in capsys.readouterr().err
+
+
+def test_one_record_serves_all_seeds_of_a_method(small):
+    records = json.loads((small / "methods.json").read_text())
+    assert [(r["tuner"], sorted(r["config_hash"])) for r in records] == [
+        ("bo", ["0", "1"]),
+        ("nominal", ["0"]),
+        ("zoac", ["0", "1"]),
+    ]
