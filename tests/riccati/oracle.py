@@ -35,6 +35,20 @@ def bounds(problem: LinearisedProblem, lane: int) -> tuple[np.ndarray, np.ndarra
     return low, (problem.input_high - problem.inputs[lane]).ravel()
 
 
+def optimal_value(problem: LinearisedProblem, plans: np.ndarray) -> np.ndarray:
+    """Return what plans (n, N, nu) cost under the linearised model, constants included, (n,)."""
+    moved = np.zeros_like(problem.states[:, 0])
+    total = np.zeros(len(plans))
+    for k in range(plans.shape[1]):
+        change = plans[:, k] - problem.inputs[:, k]
+        moved = np.einsum("nij,nj->ni", problem.a[:, k], moved)
+        moved += np.einsum("nij,nj->ni", problem.b[:, k], change)
+        error = problem.states[:, k + 1] + moved - problem.reference[:, k]
+        total += (problem.state_weights[:, k] * error**2).sum(1)
+        total += (problem.input_weights[:, k] * plans[:, k] ** 2).sum(1)
+    return total
+
+
 def solve_condensed(problem: LinearisedProblem, lane: int) -> np.ndarray:
     """Return the plan (N, nu) that quadprog finds."""
     hessian, linear = condense(problem, lane)

@@ -10,11 +10,18 @@ import numpy as np
 import pytest
 
 from tests.mpc.problems import box_points, tracking_problems
-from tests.riccati.oracle import condense, kkt_error, solve_condensed, solve_in_extended_precision
+from tests.riccati.oracle import (
+    condense,
+    kkt_error,
+    optimal_value,
+    solve_condensed,
+    solve_in_extended_precision,
+)
 from tests.riccati.problems import cart_poles, quadrotors
 from zoac.errors import ConfigError
 from zoac.mpc.policy import _take
 from zoac.mpc.solvers.base import LinearisedProblem, Status
+from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.riccati import Riccati
 
 SOLVER = Riccati()
@@ -67,6 +74,17 @@ def test_badly_conditioned_problems_are_solved_to_more_digits_than_condensing_le
     assert broken == 0.0
     assert solution.status[0] == Status.SOLVED
     np.testing.assert_allclose(solution.inputs[0], exact, rtol=0, atol=1e-8)
+
+
+def test_plans_cost_what_clarabels_cost() -> None:
+    problem = vehicles(200, 11)
+    ours, theirs = SOLVER.solve(problem), ClarabelSolver().solve(problem)
+    np.testing.assert_array_equal(theirs.status, Status.SOLVED)
+    value = optimal_value(problem, ours.inputs)
+    np.testing.assert_allclose(value, optimal_value(problem, theirs.inputs), rtol=1e-6)
+    assert (value <= optimal_value(problem, theirs.inputs) * (1 + 1e-9)).all()
+    elsewhere = np.clip(ours.inputs + 0.01, problem.input_low, problem.input_high)
+    assert (optimal_value(problem, elsewhere) > value * (1 + 1e-9)).mean() > 0.9
 
 
 def test_inputs_at_a_bound_are_that_bound_bit_for_bit() -> None:
