@@ -4,6 +4,7 @@ import pytest
 from tests.algorithm.test_zoac import OPTIONS, iterate
 from tests.support import CountingTask, lane_group
 from zoac.algorithm.advantage import estimate
+from zoac.algorithm.finals import Finals
 from zoac.algorithm.gradient import zeroth_order_gradient
 from zoac.algorithm.zoac_plus import ZoacPlus
 from zoac.tuner import Problem
@@ -158,20 +159,29 @@ def test_sigma_and_step_shrink_geometrically_to_their_ends():
     assert numbers[10]["step_size"] == pytest.approx(0.02)
 
 
-def test_the_finals_recommend_the_lowest_mean_on_common_episodes():
+def test_winner_and_averages_meet_in_the_finals_on_common_episodes():
     tuner = make_plus(race_share=0.2, finals_share=0.3)
     group = lane_group(CountingTask(), range(4))
     spent_by(tuner, group, lambda t: t._in_finals)
-    batches = [group.rollout(tuner.ask()) for _ in range(1)]
-    tuner.tell(batches[0])
-    by_vector = {}
-    for segment in batches[0]:
-        by_vector.setdefault(tuple(segment.proposal.z), []).append(segment)
-    assert len(by_vector) == 4  # the winner of the race and three averages
-    starts = {tuple(s[0].observations[0]) for s in by_vector.values()}
-    assert len(starts) == 1
-    best = min(by_vector, key=lambda z: np.mean([s.costs.sum() for s in by_vector[z]]))
-    assert tuple(tuner.recommend()) == best
+    batch = group.rollout(tuner.ask())
+    assert len(batch) == 4  # the winner of the race and three averages
+    assert len({tuple(segment.observations[0]) for segment in batch}) == 1
+    assert np.array_equal(batch[-1].proposal.z, tuner._average)
+    assert not np.array_equal(tuner._average, tuner._theta)
+
+
+def test_the_finals_recommend_the_lowest_mean_cost():
+    finals = Finals(Problem(CountingTask.space, 3, 6, 1000, 7, 0))
+    bad, good = np.array([0.1, 0.2]), np.array([0.3, 0.4])
+    finals.enter(bad)
+    finals.enter(good)
+    lucky = lane_group(CountingTask(), range(6)).rollout(finals.ask())
+    assert [tuple(s.proposal.z) for s in lucky] == [tuple(bad), tuple(good)] * 3
+    assert len({s.proposal.seed for s in lucky}) == 3
+    # The bad one is the cheapest once, the good one on average.
+    costs = [0.0, 3.0, 9.0, 4.0, 9.0, 3.0]
+    finals.tell([s.with_costs(np.array([c])) for s, c in zip(lucky, costs, strict=True)])
+    assert np.array_equal(finals.best, good)
 
 
 def test_held_out_episodes_are_not_those_of_the_search():

@@ -2,11 +2,15 @@
 
 import json
 
+import numpy as np
 import pytest
 
 import zoac
 from tests.core.test_adapters import Drift
 from zoac import checkpoint
+from zoac.adapters import UserTask
+from zoac.parameters import Parameter, ParameterSpace
+from zoac.rollout import LaneGroup, Proposal
 from zoac.trainer import Trainer
 
 
@@ -75,3 +79,18 @@ def test_an_environment_that_cannot_even_be_copied_is_tuned(tmp_path, tuner):
         folder=tmp_path / "run",
     )  # fmt: skip
     assert result.env_steps >= 400
+
+
+def test_after_a_seeded_run_its_lane_begins_an_episode_of_its_own():
+    space = ParameterSpace([Parameter("k", 0.0, 2.0)])
+    task = UserTask(Bolted, proportional, space, max_episode_steps=10)
+    z = np.zeros(1)
+
+    def after(seed):
+        group = LaneGroup(task, [0], [1])
+        own = [Proposal(z, 0, horizon=3), Proposal(z, 0, horizon=3)]
+        return group.rollout([Proposal(z, 0, horizon=3, seed=seed), *own])[1:]
+
+    one, two = after(7)
+    assert (one.starts_episode, two.starts_episode) == (True, False)
+    assert np.array_equal(one.observations, after(8)[0].observations)

@@ -132,7 +132,7 @@ class ZoacPlus(Zoac):
             return self._finals.tell(segments)
         numbers = super().tell(segments)
         self._spent += steps
-        while self._entered < self._entries * self.progress - 1e-9:
+        while self._entered + 1 <= self._entries * self.progress + 1e-9:
             self._entered += 1
             self._finals.enter(self._average)
         return {**numbers, "sigma": self._sigma}
