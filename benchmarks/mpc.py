@@ -24,6 +24,7 @@ from tests.mpc_tracking.oracle import NonlinearMpc
 from zoac.mpc.policy import MpcOptions
 from zoac.mpc.solvers.base import LinearisedProblem, Solution
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
+from zoac.mpc.solvers.riccati import Riccati
 from zoac.mpc.solvers.statement import Layout, state_problem, write_parameters
 from zoac.seeding import stream
 from zoac.tasks.mpc_tracking import MpcTrackingLanes, TrackingMpc
@@ -36,6 +37,7 @@ PROBLEM_SOLVE = "CVXPY problem.solve(), best formulated"
 ONE_QP = "default path, one QP"
 STEP = "default path, three linearisations"
 STEP_ALONE = "  the same, one lane alone"
+STRUCTURED = "riccati, three linearisations, ten lanes"
 IPOPT = "CasADi + IPOPT, built once"
 
 
@@ -142,6 +144,7 @@ def ways(problems: int) -> tuple[dict[str, Way], Stopwatch]:
         PROBLEM_SOLVE: one_by_one(lambda k: solve(qps[k])),
         ONE_QP: one_qp,
         STEP: step,
+        STRUCTURED: act(TrackingMpc(Riccati())),
         STEP_ALONE: one_by_one(lambda k: step(slice(k, k + 1))),
         IPOPT: one_by_one(lambda k: ipopt.plan(values[k], observations[k])),
     }
@@ -172,6 +175,8 @@ def main() -> None:
     print(f"one QP against problem.solve()       {median[PROBLEM_SOLVE] / median[ONE_QP]:6.1f} x")
     print(f"one QP against built anew            {median[ANEW] / median[ONE_QP]:6.1f} x")
     print(f"three linearisations against IPOPT   {median[IPOPT] / median[STEP]:6.1f} x")
+    print(f"riccati against IPOPT                {median[IPOPT] / median[STRUCTURED]:6.1f} x")
+    print(f"riccati against Clarabel             {median[STEP] / median[STRUCTURED]:6.1f} x")
     print(f"one QP outside Clarabel's solve()    {1 - np.median(inside) / median[ONE_QP]:6.1%}")
 
 

@@ -1,0 +1,48 @@
+"""The reproduction's tables and figures come from `results/`, byte for byte."""
+
+from pathlib import Path
+
+import matplotlib
+import pytest
+
+from zoac.analysis import beyond, curves, table2
+
+RESULTS = Path(__file__).parents[1] / "results"
+
+
+def same_bytes(made: Path, kept: Path) -> None:
+    names = sorted(path.name for path in made.iterdir())
+    assert names
+    for name in names:
+        assert (made / name).read_bytes() == (kept / name).read_bytes(), name
+
+
+def test_table_2_rebuilds(tmp_path):
+    assert table2.main([str(RESULTS), "--out", str(tmp_path)]) == 0
+    same_bytes(tmp_path, RESULTS / "tables" / "mpc_tracking")
+
+
+def test_the_table_of_cruise_control_rebuilds(tmp_path):
+    assert table2.main([str(RESULTS), "--task", "pid_acc", "--out", str(tmp_path)]) == 0
+    same_bytes(tmp_path, RESULTS / "tables" / "pid_acc")
+
+
+@pytest.mark.parametrize(
+    ("seeds", "reference"),
+    [("0-9", "nominal"), ("100-109", "nominal"), ("0-9", "best"), ("100-109", "best")],
+)
+def test_the_table_of_ratios_rebuilds(tmp_path, seeds, reference):
+    arguments = ["--seeds", seeds, "--reference", reference, "--out", str(tmp_path)]
+    assert beyond.main([str(RESULTS / "beyond"), *arguments]) == 0
+    same_bytes(tmp_path, RESULTS / "tables" / f"beyond-{seeds}-{reference}")
+
+
+@pytest.mark.parametrize("task", ["mpc_tracking", "pid_acc"])
+def test_learning_curves_rebuild(tmp_path, task):
+    kept = RESULTS / "figures" / task
+    drawn_by = (RESULTS / "figures" / "matplotlib.txt").read_text().strip()
+    if drawn_by != matplotlib.__version__:
+        pytest.skip(f"drawn by matplotlib {drawn_by}, whose bytes differ")
+    arguments = ["--task", task, "--format", "svg", "--out", str(tmp_path)]
+    assert curves.main([str(RESULTS), *arguments]) == 0
+    same_bytes(tmp_path, kept)
