@@ -16,7 +16,8 @@ import argparse
 import csv
 import io
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from zoac.analysis import cli
@@ -33,6 +34,13 @@ LEFT_OUT = ("z", "config_hash", "format")
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the three files; return the exit code."""
     parser = cli.parser("compact", "Runs in three small files.", out="results")
+    parser.add_argument(
+        "--every",
+        type=int,
+        default=1,
+        metavar="STEPS",
+        help="evaluations while tuning at least so far apart; 0: none; default: all",
+    )
     return cli.guarded(_command, parser, argv)
 
 
@@ -40,7 +48,7 @@ def _command(options: argparse.Namespace) -> None:
     runs = cli.load_aloud(options.runs).finished
     folder = cli.output_folder(options.out)
     cli.write(folder / RUNS, runs_csv(runs))
-    cli.write(folder / EVALUATIONS, evaluations_csv(runs))
+    cli.write(folder / EVALUATIONS, evaluations_csv(runs, options.every))
     cli.write(folder / METHODS, methods_json(runs))
 
 
@@ -60,8 +68,8 @@ def runs_csv(runs: Iterable[Run]) -> str:
     return _csv(rows, exact)
 
 
-def evaluations_csv(runs: Iterable[Run]) -> str:
-    """Return one row per evaluation while tuning."""
+def evaluations_csv(runs: Iterable[Run], every: int = 1) -> str:
+    """Return one row per evaluation while tuning, at least `every` steps apart; 0: none."""
     rows = [
         {
             **{key: run.identity[key] for key in KEY},
@@ -69,9 +77,17 @@ def evaluations_csv(runs: Iterable[Run]) -> str:
         }
         for run in runs
         if run.tuned
-        for row in run.evaluations
+        for row in _apart(run.evaluations, every)
     ]
     return _csv(rows, rounded)
+
+
+def _apart(rows: Iterable[Mapping[str, Any]], every: int) -> Iterator[Mapping[str, Any]]:
+    due = 0 if every else math.inf
+    for row in rows:
+        if row["env_steps"] >= due:
+            due = row["env_steps"] // every * every + every
+            yield row
 
 
 def methods_json(runs: Iterable[Run]) -> str:

@@ -126,7 +126,7 @@ def looks(methods: Sequence[Method]) -> dict[Method, Look]:
             chosen[method] = Look(INK, (0, (1, 1.5)), "")
             continue
         slot = tuners.index(method.tuner)
-        if method.task.endswith(REGULARISED):
+        if method.task.endswith(REGULARISED) and method.tuner == "zoac":
             chosen[method] = Look(COLOURS[5], LINES[4], "s")
         else:
             chosen[method] = look(slot)

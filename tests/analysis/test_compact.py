@@ -69,3 +69,11 @@ def test_one_record_serves_all_seeds_of_a_method(small):
         ("nominal", ["0"]),
         ("zoac", ["0", "1"]),
     ]
+
+
+@pytest.mark.parametrize(("every", "kept"), [(1, [0, 500]), (600, [0]), (0, [])])
+def test_evaluations_can_be_thinned(runs, tmp_path, every, kept):
+    out = tmp_path / "thin"
+    assert compact.main([str(runs), "--out", str(out), "--every", str(every)]) == 0
+    run = next(run for run in load(out).runs if run.method.tuner == "zoac")
+    assert [row["env_steps"] for row in run.evaluations] == kept

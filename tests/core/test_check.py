@@ -55,9 +55,9 @@ class Huge(Drift):
 
 
 def test_a_cost_that_is_not_finite_is_named():
-    good, text = check.shapes(task(Huge))
-    assert not good
-    assert "cost of step" in text
+    verdicts = {v.name: v for v in check.check(task(Huge))}
+    assert not verdicts["shapes and bounds"].good
+    assert "the cost nan" in verdicts["shapes and bounds"].text
 
 
 def test_an_action_of_the_wrong_shape_is_named():
