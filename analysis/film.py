@@ -15,7 +15,7 @@ from PIL import Image
 from zoac.analysis import replay, style
 from zoac.analysis.load import Run
 from zoac.errors import ConfigError, RunFolderError, suggest
-from zoac.rollout import Segment
+from zoac.segments import Segment
 from zoac.task import Task, Trace
 
 FRAMES, PER_SECOND = 120, 12

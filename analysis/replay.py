@@ -14,7 +14,8 @@ import numpy as np
 from zoac.analysis.load import Run
 from zoac.errors import ConfigError, RunFolderError
 from zoac.evaluation import evaluation_proposals
-from zoac.rollout import LaneGroup, Proposal, Segment
+from zoac.rollout import LaneGroup
+from zoac.segments import Proposal, Segment
 from zoac.task import Controller, Task
 
 if TYPE_CHECKING:

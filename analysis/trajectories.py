@@ -19,7 +19,7 @@ from zoac.analysis import cli, replay, style
 from zoac.analysis.labels import TASKS, method_labels
 from zoac.analysis.load import Run
 from zoac.analysis.selection import chosen
-from zoac.rollout import Segment
+from zoac.segments import Segment
 from zoac.task import Task
 
 REFERENCE = "Reference"

@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import Field
 
 from zoac.errors import ConfigError
-from zoac.rollout import Proposal, Segment
 from zoac.seeding import stream_seed
+from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem, Tuner
 
 Share = Annotated[float, Field(gt=0, lt=1)]

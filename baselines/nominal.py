@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from zoac.baselines.episodes import nominal_point
-from zoac.rollout import Proposal, Segment
+from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem, Tuner
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import zoac
 from zoac.executor import Executor, Serial
 from zoac.process import Process
-from zoac.rollout import Proposal
+from zoac.segments import Proposal
 
 
 def steps_per_second(executor: Executor, proposals: list[Proposal]) -> float:

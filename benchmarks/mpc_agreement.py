@@ -15,8 +15,9 @@ import numpy as np
 from tests.mpc_tracking.oracle import NonlinearMpc
 from zoac.mpc.policy import MpcOptions
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
-from zoac.rollout import LaneGroup, Proposal, Segment
+from zoac.rollout import LaneGroup
 from zoac.seeding import stream, stream_seed
+from zoac.segments import Proposal, Segment
 from zoac.task import Diagnostics, Memory, Parameters, Task
 from zoac.tasks.mpc_tracking import MpcTracking
 from zoac.tasks.mpc_tracking.controller import NOMINAL, SPACE

@@ -42,8 +42,9 @@ from zoac.mpc.policy import _take
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Solver, Status
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.riccati import Riccati
-from zoac.rollout import LaneGroup, Proposal
+from zoac.rollout import LaneGroup
 from zoac.seeding import stream
+from zoac.segments import Proposal
 from zoac.tasks.mpc_tracking import MpcTracking
 from zoac.tasks.mpc_tracking.controller import SPACE
 

@@ -10,7 +10,8 @@ import time
 
 import numpy as np
 
-from zoac.rollout import LaneGroup, Proposal
+from zoac.rollout import LaneGroup
+from zoac.segments import Proposal
 from zoac.tasks.pid_acc import PidAcc
 
 

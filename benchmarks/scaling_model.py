@@ -22,7 +22,7 @@ from zoac.environment import ArrayLanes
 from zoac.executor import Executor, Serial
 from zoac.parameters import Parameter, ParameterSpace
 from zoac.process import Process
-from zoac.rollout import Proposal
+from zoac.segments import Proposal
 from zoac.task import Task
 
 FIGURES = Path(__file__).parents[1] / "docs" / "images"

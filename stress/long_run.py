@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from zoac import make_task
-from zoac.rollout import LaneGroup, Proposal, Segment
+from zoac.rollout import LaneGroup
+from zoac.segments import Proposal, Segment
 
 LANES, SEGMENT = 10, 50
 STEPS = {"pid_acc": 1_000_000, "riccati": 1_000_000, "clarabel": 20_000, "cvxpy": 2_000}

@@ -9,8 +9,9 @@ from gymnasium.spaces import Box
 
 from zoac.environment import ArrayLanes
 from zoac.parameters import Parameter, ParameterSpace
-from zoac.rollout import LaneGroup, Proposal, Segment
+from zoac.rollout import LaneGroup
 from zoac.seeding import stream_seed
+from zoac.segments import Proposal, Segment
 from zoac.task import Metric, Task
 
 
@@ -88,3 +89,15 @@ def same_segment(one: Segment, other: Segment) -> bool:
 def proposal(lane: int, a: float = 5.0, **kind: Any) -> Proposal:
     """A proposal for `CountingTask` with parameter a in physical units."""
     return Proposal(z=np.array([a / 5.0 - 1.0, 0.0]), lane=lane, **kind)
+
+
+class _Raising(EchoController):
+    def act(self, params, obs, memory):
+        raise ZeroDivisionError("in the controller")
+
+
+class RaisingTask(CountingTask):
+    """Its controller raises."""
+
+    def make_controller(self):
+        return _Raising()

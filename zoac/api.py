@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 from omegaconf import DictConfig, OmegaConf
 
 from zoac import build, records
-from zoac.adapters import Bounds, EnvSource, UserTask, user_task
+from zoac.adapters import EnvSource, UserTask, user_task
 from zoac.config import GROUPS, compose_config, resolved
 from zoac.errors import ConfigError, RunFolderError, suggest
 from zoac.export import TunedController, export
+from zoac.gymnasium_lanes import Bounds
 from zoac.parameters import ParameterSpace
 from zoac.runlog import Console
 from zoac.session import Run, execute

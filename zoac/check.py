@@ -16,7 +16,8 @@ import numpy as np
 
 from zoac.environment import LaneEnv
 from zoac.errors import ZoacError
-from zoac.rollout import LaneGroup, Proposal, Segment
+from zoac.rollout import LaneGroup
+from zoac.segments import Proposal, Segment
 from zoac.task import Memory, Task
 
 STEPS = 120

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from zoac.rollout import Segment
+from zoac.segments import Segment
 from zoac.task import Constraint
 
 

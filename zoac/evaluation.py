@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from zoac.constraints import violations
-from zoac.rollout import Proposal, Segment
 from zoac.seeding import stream_seed
+from zoac.segments import Proposal, Segment
 from zoac.task import Constraint, Metric
 
 

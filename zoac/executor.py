@@ -6,8 +6,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from zoac.rollout import LaneGroup, Proposal, Segment
+from zoac.rollout import LaneGroup
 from zoac.seeding import stream_seed
+from zoac.segments import Proposal, Segment
 from zoac.task import Task
 
 

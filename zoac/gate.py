@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from zoac.errors import ConfigError
-from zoac.rollout import Proposal, Segment
 from zoac.seeding import stream_seed
+from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem, Tuner
 
 WIDEST, NARROWEST = 0.3, 0.03

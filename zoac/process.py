@@ -16,7 +16,7 @@ from pydantic import Field
 
 from zoac.errors import ZoacError
 from zoac.executor import Executor
-from zoac.rollout import Proposal, Segment
+from zoac.segments import Proposal, Segment
 from zoac.task import Task
 from zoac.worker import receive, send
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,6 +25,7 @@ from zoac.config import compose_config, resolved
 from zoac.errors import ConfigError, ZoacError, suggest
 from zoac.locks import HeldError, locked
 from zoac.records import config_hash, write_json
+from zoac.search_ranges import distributions, load_optuna, value_at
 from zoac.seeding import stream_seed
 
 Count = Annotated[int, Field(ge=1)]
@@ -73,7 +74,7 @@ class Search:
         self._task, self._tuner = choices["task"], choices["tuner"]
         plain = resolved(config)
         self._box = distributions(ranges)
-        defaults = {key: _value(plain, key) for key in self._box}
+        defaults = {key: value_at(plain, key) for key in self._box}
         self._name = name or f"{self._task}-{self._tuner}"
         self._folder = Path(folder) / self._name
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -81,7 +82,7 @@ class Search:
         self._begin(plain, defaults)
 
     def _open(self, storage: str | None, prune: bool) -> Any:
-        optuna = _optuna()
+        optuna = load_optuna()
         where: Any = storage
         if storage is None:
             from optuna.storages.journal import JournalFileBackend
@@ -139,7 +140,7 @@ class Search:
 
         None if there are enough.
         """
-        optuna = _optuna()
+        optuna = load_optuna()
         with locked(self._folder / ".asking", wait=True):
             known = self._study.get_trials(deepcopy=False)
             for frozen in known:
@@ -160,7 +161,7 @@ class Search:
 
     def _sampler(self, number: int) -> Any:
         """Return a sampler for one trial: what it draws depends on the study's history alone."""
-        optuna = _optuna()
+        optuna = load_optuna()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             return optuna.samplers.TPESampler(
@@ -172,7 +173,7 @@ class Search:
 
     def _carry_out(self, trial: Any) -> None:
         """Run a trial's seeds, those that are done already excepted, and tell the study."""
-        optuna = _optuna()
+        optuna = load_optuna()
         costs: list[float] = []
         try:
             for seed in self._seeds:
@@ -205,7 +206,7 @@ class Search:
 
     def conclude(self) -> None:
         """Print the best trial as overrides for `zoac.run`, and write it to `best.json`."""
-        optuna = _optuna()
+        optuna = load_optuna()
         trials = self._study.get_trials(states=[optuna.trial.TrialState.COMPLETE])
         if not trials:
             print(f"no trial of {self._folder} has come to its end")
@@ -224,74 +225,8 @@ class Search:
         )
 
 
-def distributions(ranges: Mapping[str, Any]) -> dict[str, Any]:
-    """Return Optuna's distributions by dotted key.
-
-    Args:
-        ranges: Nested like the configuration. At a key either `low` and `high`, with `log: true`
-            for a logarithmic scale, whole numbers if both bounds are; or a list of choices.
-
-    Raises:
-        ConfigError: If a range cannot be used.
-    """
-    found: dict[str, Any] = {}
-    for key, node in _leaves(ranges):
-        try:
-            found[key] = _distribution(node)
-        except (TypeError, ValueError) as error:
-            raise ConfigError(f"search.ranges.{key}: {error}") from None
-    if not found:
-        raise ConfigError("search.ranges: there is nothing to search")
-    return found
-
-
-def _leaves(node: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in node.items():
-        if isinstance(value, Mapping) and not value.keys() & {"low", "high"}:
-            yield from _leaves(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
-
-
-def _distribution(node: Any) -> Any:
-    optuna = _optuna()
-    if isinstance(node, list):
-        return optuna.distributions.CategoricalDistribution(node)
-    if not isinstance(node, Mapping):
-        raise ValueError(f"expected low and high, or a list of choices, got {node!r}")
-    for key in node:
-        if key not in ("low", "high", "log"):
-            raise ValueError(f"unknown {key!r}; {suggest(key, ('low', 'high', 'log'))}")
-    bounds = node.get("low"), node.get("high")
-    if not all(isinstance(b, int | float) and not isinstance(b, bool) for b in bounds):
-        raise ValueError(f"low and high must be numbers, got {bounds[0]!r} and {bounds[1]!r}")
-    whole = all(isinstance(b, int) for b in bounds)
-    kind = optuna.distributions.IntDistribution if whole else optuna.distributions.FloatDistribution
-    return kind(*bounds, log=node.get("log", False))
-
-
-def _value(plain: Mapping[str, Any], key: str) -> Any:
-    """Return the value at a dotted key of a configuration."""
-    node: Any = plain
-    for part in key.split("."):
-        if not isinstance(node, Mapping) or part not in node:
-            known = node if isinstance(node, Mapping) else ()
-            raise ConfigError(f"search.ranges: there is no {key!r}; {suggest(part, known)}")
-        node = node[part]
-    return node
-
-
 def _options(params: Mapping[str, Any]) -> list[str]:
     return [f"{key}={'null' if value is None else value}" for key, value in params.items()]
-
-
-def _optuna() -> Any:
-    try:
-        import optuna
-    except ImportError as error:
-        raise ConfigError("zoac.search needs Optuna: pip install 'zoac[search]'") from error
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    return optuna
 
 
 def split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -15,7 +15,7 @@ from zoac.parameters import ParameterSpace
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from zoac.rollout import Segment
+    from zoac.segments import Segment
 
 Parameters = Mapping[str, np.ndarray]
 Memory = Mapping[str, np.ndarray]

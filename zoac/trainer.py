@@ -17,9 +17,9 @@ from pydantic import Field
 from zoac.constraints import FeasibilityFirst
 from zoac.evaluation import evaluation_proposals, evaluation_row
 from zoac.executor import Executor
-from zoac.rollout import Segment
 from zoac.runlog import RunLog
 from zoac.seeding import stream_seed
+from zoac.segments import Segment
 from zoac.task import Task
 from zoac.tuner import Tuner
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from zoac.parameters import ParameterSpace
-from zoac.rollout import Proposal, Segment
 from zoac.seeding import stream
+from zoac.segments import Proposal, Segment
 
 
 @dataclass(frozen=True)

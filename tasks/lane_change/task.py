@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from zoac.parameters import Parameter, ParameterSpace, choice, integer
-from zoac.rollout import Segment
+from zoac.segments import Segment
 from zoac.task import Constraint, Metric, Task
 from zoac.tasks.lane_change.driver import RuleBasedDriver
 from zoac.tasks.lane_change.plant import RoadLanes

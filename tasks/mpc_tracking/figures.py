@@ -7,7 +7,7 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 
-from zoac.rollout import Segment
+from zoac.segments import Segment
 from zoac.task import Trace
 from zoac.tasks.mpc_tracking import path
 from zoac.tasks.mpc_tracking.plant import (

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from zoac.mpc.policy import MpcOptions
 from zoac.mpc.solvers.base import Solver
-from zoac.rollout import Segment
+from zoac.segments import Segment
 from zoac.task import Metric, Task, Trace
 from zoac.tasks.mpc_tracking.controller import NOMINAL, SPACE, TrackingMpc, WeightLayout
 from zoac.tasks.mpc_tracking.plant import MpcTrackingLanes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from zoac.rollout import Segment
+from zoac.segments import Segment
 from zoac.task import Trace
 from zoac.tasks.pid_acc.plant import (
     MAX_CLEARANCE_ERROR,

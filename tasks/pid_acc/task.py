@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from zoac.parameters import Parameter, ParameterSpace
-from zoac.rollout import Segment
+from zoac.segments import Segment
 from zoac.task import Task, Trace
 from zoac.tasks.pid_acc.pid import IncrementalPid
 from zoac.tasks.pid_acc.plant import PidAccLanes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from zoac.algorithm.advantage import estimate
-from zoac.rollout import Proposal, Segment
+from zoac.segments import Proposal, Segment
 
 GAMMA, LAM = 0.9, 0.8
 

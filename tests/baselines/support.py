@@ -13,8 +13,9 @@ from omegaconf import OmegaConf
 import zoac.conf
 from zoac.environment import ArrayLanes
 from zoac.parameters import Parameter, ParameterSpace
-from zoac.rollout import LaneGroup, Segment
+from zoac.rollout import LaneGroup
 from zoac.seeding import stream_seed
+from zoac.segments import Segment
 from zoac.task import Task
 from zoac.tuner import Problem, Tuner
 

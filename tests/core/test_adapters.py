@@ -4,9 +4,11 @@ import pytest
 from gymnasium.spaces import Box, Discrete, MultiBinary
 
 from tests.support import same_segment
-from zoac.adapters import GymnasiumLanes, ScalarController, UserTask, env_action, parse_space
+from zoac.adapters import ScalarController, UserTask, parse_space
 from zoac.errors import ConfigError, ControllerError, EnvironmentContractError
-from zoac.rollout import LaneGroup, Proposal
+from zoac.gymnasium_lanes import GymnasiumLanes, env_action
+from zoac.rollout import LaneGroup
+from zoac.segments import Proposal
 
 
 class Drift(gymnasium.Env):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.core.test_adapters import Drift
-from zoac.adapters import GymnasiumLanes
 from zoac.errors import EnvironmentContractError
+from zoac.gymnasium_lanes import GymnasiumLanes
 
 X = np.zeros(1)
 

@@ -14,7 +14,8 @@ import zoac
 from tests.core.test_adapters import Drift, Integrator
 from zoac.errors import ConfigError, RunFolderError
 from zoac.export import export
-from zoac.rollout import LaneGroup, Proposal
+from zoac.rollout import LaneGroup
+from zoac.segments import Proposal
 
 ODD = {"k": 0.1 + 0.2, "tiny": 1e-05, "big": 1e16, "whole": 3, "c-f": -2.5, "mode": "it's"}
 

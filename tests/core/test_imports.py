@@ -7,9 +7,9 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 CORE = {
-    "errors", "seeding", "parameters", "environment", "recording", "rollout", "task", "tuner",
-    "constraints", "gate", "executor", "worker", "process", "evaluation", "checkpoint", "records",
-    "runlog", "trainer",
+    "errors", "seeding", "parameters", "environment", "recording", "segments", "rollout", "task",
+    "tuner", "constraints", "gate", "executor", "worker", "process", "evaluation", "checkpoint",
+    "records", "runlog", "trainer",
 }  # fmt: skip
 
 

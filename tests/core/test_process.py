@@ -3,7 +3,14 @@ import signal
 
 import pytest
 
-from tests.support import CountingTask, EchoController, lane_group, proposal, same_segment
+from tests.support import (
+    CountingTask,
+    EchoController,
+    RaisingTask,
+    lane_group,
+    proposal,
+    same_segment,
+)
 from zoac.errors import ControllerError
 from zoac.process import Process, WorkerError
 
@@ -41,16 +48,6 @@ def test_work_that_kills_every_worker_ends_with_a_message(processes):
     processes.start(SuicidalTask(), 2, seed=0)
     with pytest.raises(WorkerError, match="died 3 times on the same work .*signal 9"):
         processes.rollout([proposal(0)])
-
-
-class _Raising(EchoController):
-    def act(self, params, obs, memory):
-        raise ZeroDivisionError("in the controller")
-
-
-class RaisingTask(CountingTask):
-    def make_controller(self):
-        return _Raising()
 
 
 def test_an_error_in_a_worker_arrives_with_its_place(processes):

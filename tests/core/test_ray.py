@@ -6,7 +6,14 @@ import time
 
 import pytest
 
-from tests.support import CountingTask, EchoController, lane_group, proposal, same_segment
+from tests.support import (
+    CountingTask,
+    EchoController,
+    RaisingTask,
+    lane_group,
+    proposal,
+    same_segment,
+)
 from zoac.errors import ConfigError, ControllerError
 from zoac.process import WorkerError
 
@@ -86,16 +93,6 @@ def test_work_that_kills_every_actor_ends_with_a_message(actors):
     actors.start(SuicidalTask(), 2, seed=0)
     with pytest.raises(WorkerError, match="lanes 0 to 0 died 3 times on the same work"):
         actors.rollout([proposal(0)])
-
-
-class _Raising(EchoController):
-    def act(self, params, obs, memory):
-        raise ZeroDivisionError("in the controller")
-
-
-class RaisingTask(CountingTask):
-    def make_controller(self):
-        return _Raising()
 
 
 def test_an_error_in_an_actor_arrives_with_its_place(actors):

@@ -10,7 +10,8 @@ from tests.core.test_adapters import Drift
 from zoac import checkpoint
 from zoac.adapters import UserTask
 from zoac.parameters import Parameter, ParameterSpace
-from zoac.rollout import LaneGroup, Proposal
+from zoac.rollout import LaneGroup
+from zoac.segments import Proposal
 from zoac.trainer import Trainer
 
 

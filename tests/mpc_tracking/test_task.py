@@ -9,7 +9,8 @@ import pytest
 
 from zoac.mpc.policy import MpcOptions
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
-from zoac.rollout import LaneGroup, Proposal, Segment
+from zoac.rollout import LaneGroup
+from zoac.segments import Proposal, Segment
 from zoac.tasks.mpc_tracking import MpcTracking
 
 SOLVER = ClarabelSolver()

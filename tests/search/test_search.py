@@ -15,7 +15,8 @@ from zoac.errors import ConfigError, ControllerError
 
 optuna = pytest.importorskip("optuna", reason="pip install 'zoac[search]'")
 
-from zoac.search import Search, distributions, split  # noqa: E402
+from zoac.search import Search, split  # noqa: E402
+from zoac.search_ranges import distributions  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 OPTIONS = {

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from zoac.rollout import Segment
+from zoac.segments import Segment
 
 
 def residuals(segment: Segment, values: np.ndarray, gamma: float) -> np.ndarray:

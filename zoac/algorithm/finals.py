@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from zoac.rollout import Proposal, Segment
 from zoac.seeding import stream_seed
+from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem
 
 

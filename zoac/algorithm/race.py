@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from zoac.rollout import Proposal, Segment
+from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem
 
 SHORTEST = 1 / 40

@@ -17,7 +17,7 @@ from zoac.algorithm.advantage import estimate
 from zoac.algorithm.critic import Critic
 from zoac.algorithm.gradient import standardised, zeroth_order_gradient
 from zoac.errors import ConfigError
-from zoac.rollout import Proposal, Segment
+from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem, Tuner
 
 Positive = Annotated[float, Field(gt=0)]

@@ -15,7 +15,7 @@ from pydantic import Field
 from zoac.algorithm.finals import Finals
 from zoac.algorithm.race import Race
 from zoac.algorithm.zoac import Count, Fraction, Positive, Zoac
-from zoac.rollout import Proposal, Segment
+from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem
 
 MAD_TO_STD = 1.4826

@@ -1,0 +1,203 @@
+"""A user's own single-lane environment, as lanes."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Discrete
+
+from zoac.environment import LaneEnv
+from zoac.errors import ConfigError, EnvironmentContractError, suggest
+from zoac.seeding import stream
+
+Bounds = tuple[float, float] | list[float]
+
+
+class GymnasiumLanes(LaneEnv):
+    """n copies of a `gymnasium.Env`, stepped one after the other.
+
+    The cost of a step is `info["cost"]` if the environment gives one, else the negative reward.
+    A lane is saved by a deep copy of its environment.
+    """
+
+    def __init__(
+        self,
+        envs: Sequence[gymnasium.Env],
+        max_episode_steps: int | None,
+        plant: Mapping[str, float] | None = None,
+        vary: Mapping[str, Bounds] | None = None,
+    ) -> None:
+        """
+        Args:
+            envs: One environment a lane.
+            max_episode_steps: Cut episodes here; None: where the environment's own limit does.
+            plant: Attributes of the innermost environment, and the numbers they are set to.
+            vary: Likewise, and the range (low, high) from which every episode draws uniformly.
+
+        Raises:
+            ConfigError: If its spaces are of a kind that cannot be tuned on, or it has no such
+                attribute.
+        """
+        first = envs[0]
+        if not isinstance(first.observation_space, Box):
+            raise ConfigError(
+                f"the environment's observations are {first.observation_space}; expected a Box "
+                "(wrap it, for instance with gymnasium.wrappers.FlattenObservation)"
+            )
+        size = int(np.prod(first.observation_space.shape))
+        observations = Box(-np.inf, np.inf, (size,), np.float64)
+        if isinstance(first.action_space, Discrete):
+            actions = Box(-np.inf, np.inf, (1,), np.float64)
+        elif isinstance(first.action_space, Box):
+            flat = int(np.prod(first.action_space.shape))
+            actions = Box(-np.inf, np.inf, (flat,), np.float64)
+        else:
+            raise ConfigError(
+                f"the environment's actions are {first.action_space}; expected a Box or Discrete"
+            )
+        limit = max_episode_steps or (first.spec.max_episode_steps if first.spec else None)
+        super().__init__(len(envs), observations, actions, limit or np.iinfo(np.int64).max)
+        self._envs = list(envs)
+        for name, value in (plant or {}).items():
+            for env in self._envs:
+                _set_plant(env, name, float(value))
+        self._vary = {name: _range(name, bounds) for name, bounds in (vary or {}).items()}
+        self._draws: list[np.random.Generator] = [np.random.default_rng(0) for _ in envs]
+        self._seen = np.zeros((len(envs), size))
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """See `LaneEnv.reset`."""
+        options = dict(options or {})
+        mask = options.pop("reset_mask", None)
+        if isinstance(seed, (int, np.integer)):
+            seeds: Sequence[int | None] = [int(seed) + i for i in range(self.num_envs)]
+        else:
+            seeds = seed or [None] * self.num_envs
+        lanes = range(self.num_envs) if mask is None else np.flatnonzero(mask).tolist()
+        for lane in lanes:
+            lane_seed = seeds[lane]
+            # Many environments hand their seed to libraries that take 32 bits.
+            short = None if lane_seed is None else int(lane_seed) % 2**31
+            if lane_seed is not None and self._vary:
+                self._draws[lane] = stream(int(lane_seed), "plant")
+            for name, (low, high) in self._vary.items():
+                _set_plant(self._envs[lane], name, float(self._draws[lane].uniform(low, high)))
+            result = self._envs[lane].reset(seed=short, options=options or None)
+            observation, _ = _parts(result, "reset", ("observation", "info"))
+            self._see(lane, observation)
+            self._steps[lane] = 0
+        return self._seen.copy(), {}
+
+    def step(
+        self, actions: np.ndarray, mask: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """See `LaneEnv.step`."""
+        n = self.num_envs
+        cost, terminated, truncated = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
+        for lane in range(n) if mask is None else np.flatnonzero(mask).tolist():
+            action = env_action(self._envs[lane].action_space, actions[lane])
+            result = self._envs[lane].step(action)
+            observation, reward, terminated[lane], cut, info = _parts(result, "step", _STEP)
+            self._see(lane, observation)
+            cost[lane] = info.get("cost", -float(reward))
+            if not np.isfinite(cost[lane]):
+                raise EnvironmentContractError(
+                    f"the environment's step gave the cost {cost[lane]} (reward {reward!r}), "
+                    "expected a finite number"
+                )
+            self._steps[lane] += 1
+            over_time = self._steps[lane] >= self.max_episode_steps
+            truncated[lane] = (cut or over_time) and not terminated[lane]
+        return self._seen.copy(), -cost, terminated, truncated, {"cost": cost}
+
+    def _see(self, lane: int, observation: Any) -> None:
+        flat = np.asarray(observation, dtype=np.float64).reshape(-1)
+        if flat.shape != self._seen[lane].shape:
+            raise EnvironmentContractError(
+                f"the environment returned an observation of {flat.size} numbers, expected "
+                f"{self._seen.shape[1]} as its observation_space says"
+            )
+        if not np.isfinite(flat).all():
+            raise EnvironmentContractError(
+                f"the environment returned the observation {flat.tolist()}; every number must be "
+                "finite"
+            )
+        self._seen[lane] = flat
+
+    def state(self, lanes: Sequence[int] | np.ndarray) -> dict[str, Any]:
+        """See `LaneEnv.state`."""
+        return {
+            "envs": [copy.deepcopy(self._envs[lane]) for lane in np.asarray(lanes).tolist()],
+            "draws": [copy.deepcopy(self._draws[lane]) for lane in np.asarray(lanes).tolist()],
+            "seen": self._seen[lanes].copy(),
+            "steps": self._steps[lanes].copy(),
+        }
+
+    def restore(self, lanes: Sequence[int] | np.ndarray, state: dict[str, Any]) -> np.ndarray:
+        """See `LaneEnv.restore`."""
+        rows = zip(np.asarray(lanes).tolist(), state["envs"], state["draws"], strict=True)
+        for lane, env, draws in rows:
+            self._envs[lane] = copy.deepcopy(env)
+            self._draws[lane] = copy.deepcopy(draws)
+        self._seen[lanes] = state["seen"]
+        self._steps[lanes] = state["steps"]
+        return self._seen.copy()
+
+    def close(self, **kwargs: Any) -> None:
+        """Close every environment."""
+        for env in self._envs:
+            env.close()
+
+
+def env_action(space: gymnasium.Space, action: np.ndarray) -> Any:
+    """Return a controller's action (m,) as the environment takes it.
+
+    Args:
+        space: Its action space: Discrete, where the nearest action counts, or Box, whose bounds
+            clip.
+        action: What the controller returned.
+    """
+    if isinstance(space, Discrete):
+        return int(space.start + np.clip(round(float(action[0])) - space.start, 0, space.n - 1))
+    assert isinstance(space, Box)
+    return np.clip(action.reshape(space.shape), space.low, space.high).astype(space.dtype)
+
+
+def _set_plant(env: gymnasium.Env, name: str, value: float) -> None:
+    inner = env.unwrapped
+    present = getattr(inner, name, None)
+    if not isinstance(present, (int, float, np.number)):
+        numbers = [k for k, v in vars(inner).items() if isinstance(v, (int, float, np.number))]
+        raise ConfigError(
+            f"{type(inner).__name__} has no number {name!r} to set; {suggest(name, numbers)}"
+        )
+    setattr(inner, name, value)
+
+
+def _range(name: str, bounds: Bounds) -> tuple[float, float]:
+    if len(bounds) != 2 or not bounds[0] <= bounds[1]:
+        raise ConfigError(f"vary.{name}={list(bounds)}: expected [low, high]")
+    return float(bounds[0]), float(bounds[1])
+
+
+_STEP = ("observation", "reward", "terminated", "truncated", "info")
+
+
+def _parts(result: Any, method: str, expected: tuple[str, ...]) -> tuple[Any, ...]:
+    """Return what an environment's method returned, if it has the parts that Gymnasium asks for."""
+    if isinstance(result, tuple) and len(result) == len(expected) and isinstance(result[-1], dict):
+        return result
+    found = f"{len(result)} values" if isinstance(result, tuple) else type(result).__name__
+    raise EnvironmentContractError(
+        f"the environment's {method} returned {found}, expected ({', '.join(expected)}), info a "
+        "dict; an environment of the old Gym must be wrapped"
+    )

@@ -1,0 +1,71 @@
+"""What a tuner asks for and what it is told: proposals and segments.
+
+A proposal carries its horizon, so that segments of N steps in mid-episode (ZOAC) and whole
+episodes from reset (Bayesian optimisation, CMA-ES, evaluation) go through one engine and are
+paid for in one coin, environment steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Proposal:
+    """Parameters for a lane, and for how long.
+
+    Args:
+        z: Mapped parameters (d,); clipped to [-1, 1] where they are mapped.
+        lane: The lane that runs it. A lane runs its proposals in the order given.
+        horizon: Steps to run on from where the lane stands, fewer if the episode ends; None: one
+            whole episode, from its start.
+        branch: Run, then put the lane back where it stood before.
+        seed: Begin a new episode from this seed (evaluation, common random numbers). The lane
+            is put back afterwards, as after a branch, so its own random stream is not touched.
+        tag: Anything the tuner wants to find again in the segment.
+    """
+
+    z: np.ndarray
+    lane: int
+    horizon: int | None = None
+    branch: bool = False
+    seed: int | None = None
+    tag: Any = None
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Segment:
+    """What came back for one proposal: T steps of one episode.
+
+    Args:
+        proposal: The proposal that was run.
+        observations: (T + 1, o); the last one is where the segment ended.
+        actions: (T, m).
+        costs: (T,).
+        terminated: The episode ended by itself: what follows costs nothing more.
+        truncated: The episode was cut at its time limit: what follows would have cost more.
+        starts_episode: The first observation is the start of an episode.
+        diagnostics: The controller's, by name, T rows each.
+    """
+
+    proposal: Proposal
+    observations: np.ndarray
+    actions: np.ndarray
+    costs: np.ndarray
+    terminated: bool
+    truncated: bool
+    starts_episode: bool
+    diagnostics: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def length(self) -> int:
+        """Number of steps T."""
+        return len(self.costs)
+
+    def with_costs(self, costs: np.ndarray) -> Segment:
+        """Return the same segment with other costs (T,)."""
+        return replace(self, costs=costs)
