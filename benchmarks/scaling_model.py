@@ -1,9 +1,9 @@
 """How a tuner's throughput grows with lanes and workers: `python -m benchmarks.scaling_model`.
 
 A discrete-event model of synchronous iterations: the tuner asks, every worker steps its group of
-lanes through their segments, the slowest one ends the rollout, the tuner learns. It draws the
-figures of `docs/scaling.md` and, with `--measure`, is held to the executors themselves, driving an
-environment that sleeps instead of computing.
+lanes through their segments while the tuner learns from the last ones, the slowest ends the
+iteration. It draws the figures of `docs/scaling.md` and, with `--measure`, is held to the executors
+themselves, driving an environment that sleeps instead of computing.
 """
 
 from __future__ import annotations
@@ -99,11 +99,15 @@ def iteration_seconds(
         spent = durations.max(axis=0).sum() if plant.together else durations.sum()
         engine = segments * (segment * costs.vector_step + group * costs.begin)
         ends.append((now + spent + engine, group))
+    # The critic learns from the last iteration while workers run, else when they have run.
+    learning = costs.learning * lanes * segment * segments
+    if workers:
+        now += learning
     for end, group in sorted(ends):
         now = max(now, end)
         if workers:
             now += costs.message / 2 + costs.proposal * group * segments / 2
-    return now + costs.learning * lanes * segment * segments
+    return now if workers else now + learning
 
 
 def throughput(

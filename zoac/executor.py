@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from zoac.rollout import LaneGroup
@@ -12,19 +12,30 @@ from zoac.segments import Proposal, Segment
 from zoac.task import Task
 
 
+def nothing() -> None:
+    """What is done meanwhile unless told otherwise."""
+
+
 class Executor(ABC):
-    """Runs proposals in lanes. The numbers do not depend on which executor, or how many workers."""
+    """Runs proposals in lanes. The numbers do not depend on which executor, or how many workers.
+
+    An executor that waits for others calls `meanwhile` once in that time; it may leave it out.
+    """
 
     @abstractmethod
     def start(self, task: Task, lanes: int, seed: int) -> None:
         """Make `lanes` lanes of `task`, with random streams from the run's `seed`."""
 
     @abstractmethod
-    def rollout(self, proposals: Sequence[Proposal]) -> list[Segment]:
+    def rollout(
+        self, proposals: Sequence[Proposal], meanwhile: Callable[[], None] = nothing
+    ) -> list[Segment]:
         """Run proposals in the tuning lanes; return segments in the order of proposals."""
 
     @abstractmethod
-    def evaluate(self, proposals: Sequence[Proposal]) -> list[Segment]:
+    def evaluate(
+        self, proposals: Sequence[Proposal], meanwhile: Callable[[], None] = nothing
+    ) -> list[Segment]:
         """Run seeded proposals in lanes of their own, 0, 1, ...: the tuning lanes do not notice."""
 
     @abstractmethod
@@ -75,11 +86,15 @@ class Serial(Executor):
         """See `Executor.start`."""
         self._host = LaneHost(task, range(lanes), seed)
 
-    def rollout(self, proposals: Sequence[Proposal]) -> list[Segment]:
+    def rollout(
+        self, proposals: Sequence[Proposal], meanwhile: Callable[[], None] = nothing
+    ) -> list[Segment]:
         """See `Executor.rollout`."""
         return self._host.lanes.rollout(proposals)
 
-    def evaluate(self, proposals: Sequence[Proposal]) -> list[Segment]:
+    def evaluate(
+        self, proposals: Sequence[Proposal], meanwhile: Callable[[], None] = nothing
+    ) -> list[Segment]:
         """See `Executor.evaluate`."""
         return self._host.evaluate(proposals)
 

@@ -106,6 +106,10 @@ class Gate(Tuner):
         start, candidate = self._costs.mean(axis=0)
         return {"gate_start_cost": float(start), "gate_candidate_cost": float(candidate)}
 
+    def meanwhile(self) -> None:
+        """See `Tuner.meanwhile`."""
+        self._tuner.meanwhile()
+
     @property
     def accepted(self) -> bool:
         """Whether the candidate has proved better than the start."""

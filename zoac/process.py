@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from zoac.errors import ZoacError
-from zoac.executor import Executor
+from zoac.executor import Executor, nothing
 from zoac.segments import Proposal, Segment
 from zoac.task import Task
 from zoac.worker import receive, send
@@ -82,7 +82,9 @@ class Spread(Executor):
         self._workers = self._launch(task, [[int(lane) for lane in p] for p in parts], seed)
         self._worker_of = {lane: w for w in self._workers for lane in w.lanes}
 
-    def rollout(self, proposals: Sequence[Proposal]) -> list[Segment]:
+    def rollout(
+        self, proposals: Sequence[Proposal], meanwhile: Callable[[], None] = nothing
+    ) -> list[Segment]:
         """See `Executor.rollout`."""
         shares: dict[Handle, list[int]] = {w: [] for w in self._workers}
         for index, proposal in enumerate(proposals):
@@ -90,13 +92,16 @@ class Spread(Executor):
         requests = {w: [proposals[i] for i in share] for w, share in shares.items() if share}
         for worker, request in requests.items():
             worker.begin("rollout", request)
+        meanwhile()
         segments: dict[int, Segment] = {}
         for worker in requests:
             done, worker.lane_states = worker.finish()
             segments.update(zip(shares[worker], done, strict=True))
         return [segments[i] for i in range(len(proposals))]
 
-    def evaluate(self, proposals: Sequence[Proposal]) -> list[Segment]:
+    def evaluate(
+        self, proposals: Sequence[Proposal], meanwhile: Callable[[], None] = nothing
+    ) -> list[Segment]:
         """See `Executor.evaluate`."""
         parts = [
             (worker, part)
@@ -110,6 +115,7 @@ class Spread(Executor):
         for worker, part in parts:
             # A worker's evaluation lanes count from 0; the episode comes from the seed alone.
             worker.begin("evaluate", [_in_lane(proposals[i], k) for k, i in enumerate(part)])
+        meanwhile()
         return [segment for worker, _ in parts for segment in worker.finish()]
 
     def state(self) -> dict[int, Any]:

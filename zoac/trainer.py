@@ -124,7 +124,7 @@ class Trainer:
                 proposals = self._tuner.ask()
             if not proposals:
                 break
-            segments = self._executor.rollout(proposals)
+            segments = self._executor.rollout(proposals, self._meanwhile)
             self._learn(segments)
             self._checkpoint_if_due()
         return self._finish()
@@ -147,6 +147,10 @@ class Trainer:
             {"step_cost_mean": float(costs.mean()), "terminations": terminations, **metrics},
         )
 
+    def _meanwhile(self) -> None:
+        with self._timed("tuner_seconds"):
+            self._tuner.meanwhile()
+
     def _evaluate_if_due(self) -> None:
         progress = self.progress
         if progress.env_steps < progress.next_eval:
@@ -158,10 +162,12 @@ class Trainer:
     def _evaluate(self, episodes: int, final: bool) -> dict[str, Any]:
         """Run the fixed episodes with the recommended parameters and log a row."""
         z = self._tuner.recommend()
+        proposals = evaluation_proposals(z, episodes, self._settings.evaluation_seed)
+        tuner_seconds = self.progress.tuner_seconds
         with self._timed("evaluation_seconds"):
-            segments = self._executor.evaluate(
-                evaluation_proposals(z, episodes, self._settings.evaluation_seed)
-            )
+            segments = self._executor.evaluate(proposals, self._meanwhile)
+        # What the tuner did beside it is the tuner's.
+        self.progress.evaluation_seconds -= self.progress.tuner_seconds - tuner_seconds
         row = evaluation_row(segments, self._task.metrics, self._task.constraints)
         self._account(segments)
         row = {**row, "parameters": self._task.space.named(z), "z": z.tolist(), "final": final}

@@ -60,6 +60,13 @@ class Tuner(ABC):
         Costs are to be minimised. They may be NaN or infinite, which means: bad.
         """
 
+    def meanwhile(self) -> None:  # noqa: B027 (most tuners have nothing to do)
+        """Do now what only the next `tell` needs: called while rollouts run elsewhere.
+
+        It may be called often or never, anywhere between `ask` and `tell`: `tell` and `state` must
+        do themselves what is still to be done, so that the numbers are the same.
+        """
+
     @abstractmethod
     def recommend(self) -> np.ndarray:
         """Return the mapped parameters (d,) that the tuner would use now.

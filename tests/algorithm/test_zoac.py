@@ -104,3 +104,29 @@ def test_the_iterate_stays_in_the_box_unless_told_otherwise(project, leaves):
     iterate(tuner, lane_group(CountingTask(), list(range(20))), 80)
     assert bool((np.abs(tuner._theta) > 1).any()) is leaves
     assert (np.abs(tuner.recommend()) <= 1).all()
+
+
+def test_when_the_critic_is_updated_changes_no_number():
+    early, late = make_zoac(), make_zoac()
+    for _ in range(3):
+        (metrics, other) = (
+            tuner.tell(lane_group(CountingTask(), [0, 1, 2, 3]).rollout(tuner.ask()))
+            for tuner in (early, late)
+        )
+        assert metrics == other
+        recommended = early.recommend()
+        early.meanwhile()
+        early.meanwhile()
+        np.testing.assert_array_equal(early.recommend(), recommended)
+    np.testing.assert_equal(early.state(), late.state())
+
+
+def test_critic_is_updated_once_for_each_iteration():
+    tuner, group = make_zoac(), lane_group(CountingTask(), [0, 1, 2, 3])
+    asked = [iterate(tuner, group) for _ in range(3)]
+    assert "critic_loss" not in asked[0]
+    assert asked[1]["critic_loss"] != asked[2]["critic_loss"]
+    tuner.meanwhile()
+    weights = tuner._critic.state()["weights"]
+    tuner.meanwhile()
+    np.testing.assert_array_equal(tuner._critic.state()["weights"], weights)

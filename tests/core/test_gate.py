@@ -157,3 +157,10 @@ def test_the_command_line_has_the_same_keys():
     assert tuner.describe()["spread"] == pytest.approx(0.03)
     with pytest.raises(ConfigError, match="gate=2"):
         build.build_settings({**config, "gate": 2.0})
+
+
+def test_the_gate_leaves_the_tuner_its_time_beside_rollouts(monkeypatch):
+    calls = []
+    monkeypatch.setattr(Stubborn, "meanwhile", lambda self: calls.append(1))
+    gated((0.0, 0.0)).meanwhile()
+    assert calls == [1]

@@ -1,5 +1,6 @@
 import os
 import signal
+import time
 
 import pytest
 
@@ -44,6 +45,19 @@ class SuicidalTask(CountingTask):
         return _Suicidal()
 
 
+class _Waiting(EchoController):
+    def act(self, params, obs, memory):
+        time.sleep(WaitingTask.seconds)
+        return super().act(params, obs, memory)
+
+
+class WaitingTask(CountingTask):
+    seconds = 0.5
+
+    def make_controller(self):
+        return _Waiting()
+
+
 def test_work_that_kills_every_worker_ends_with_a_message(processes):
     processes.start(SuicidalTask(), 2, seed=0)
     with pytest.raises(WorkerError, match="died 3 times on the same work .*signal 9"):
@@ -61,3 +75,15 @@ def test_workers_end_when_the_executor_is_closed(processes):
     handles = list(processes._workers)
     processes.close()
     assert all(h._process.poll() is not None for h in handles)
+
+
+@pytest.mark.parametrize("method", ["rollout", "evaluate"])
+def test_this_process_has_time_while_workers_run(processes, method):
+    processes.start(WaitingTask(), 2, seed=0)
+    begun = time.monotonic()
+    moments = []
+    getattr(processes, method)(
+        [proposal(0, seed=1, horizon=1)], lambda: moments.append(time.monotonic() - begun)
+    )
+    assert len(moments) == 1
+    assert moments[0] < WaitingTask.seconds <= time.monotonic() - begun

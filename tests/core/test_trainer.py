@@ -1,4 +1,5 @@
 import json
+import time
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from zoac.tuner import Problem
 RUN = {"format": 1, "task": "t", "tuner": "z", "seed": 0, "variant": None, "config_hash": "0"}
 
 
-def train(folder, executor=None, stop=lambda: False, **settings):
+def train(folder, executor=None, stop=lambda: False, tuner=Zoac, **settings):
     settings = Settings(**{"budget": 200, "lanes": 3, "eval_every": 50, "episodes": 2,
                            "final_episodes": 3, **settings})  # fmt: skip
     task = CountingTask(max_episode_steps=7)
@@ -26,7 +27,7 @@ def train(folder, executor=None, stop=lambda: False, **settings):
     folder.mkdir(exist_ok=True)
     log = RunLog(folder, RUN)
     try:
-        return Trainer(task, Zoac(problem, **OPTIONS), executor, settings, log, stop).run()
+        return Trainer(task, tuner(problem, **OPTIONS), executor, settings, log, stop).run()
     finally:
         executor.close()
         log.close()
@@ -127,3 +128,18 @@ def test_a_run_begun_in_processes_goes_on_in_serial(tmp_path):
     with pytest.raises(Interrupted):
         train(tmp_path / "parts", executor=Process(workers=2), stop=lambda: next(calls) == 3)
     assert train(tmp_path / "parts")["z"] == whole["z"]
+
+
+class _Busy(Zoac):
+    """Takes its time between `ask` and `tell`."""
+
+    def meanwhile(self):
+        time.sleep(0.02)
+        super().meanwhile()
+
+
+def test_what_the_tuner_does_beside_an_evaluation_is_the_tuners_time(tmp_path):
+    result = train(tmp_path, Process(workers=1), tuner=_Busy, eval_every=10)
+    evaluations = len(numbers(tmp_path, "eval"))
+    assert result["tuner_seconds"] > 0.02 * evaluations
+    assert result["evaluation_seconds"] < 0.02 * evaluations

@@ -70,6 +70,8 @@ class Critic:
         for matrix in self._matrices:
             gain = 1.0 if matrix is self._matrices[-1] else 5 / 3
             torch.nn.init.orthogonal_(matrix, gain=gain, generator=generator)
+        # Kept: memory of this size would go back to the system and come again at every step.
+        self._hidden, self._flows = self._layers(minibatch), self._layers(minibatch)
         self._learning_rate = learning_rate
         self._adam = Adam(self._weights.numpy())
 
@@ -78,7 +80,7 @@ class Critic:
         """Return V_w of observations (B, o), shape (B,), float64."""
         inputs = self._inputs(observations)
         # Slices of bounded size: fast in cache, and bits that do not depend on B's neighbours.
-        parts = [self._forward(part)[-1] for part in inputs.split(_CHUNK)]
+        parts = [self._forward(part, self._layers(len(part))) for part in inputs.split(_CHUNK)]
         return torch.cat(parts).double().numpy() / self._target_scale
 
     @torch.no_grad()
@@ -91,13 +93,21 @@ class Critic:
         """
         inputs = self._inputs(observations)
         scaled = torch.from_numpy((targets * self._target_scale).astype(np.float32))
-        loss = torch.zeros(())
-        for _ in range(self._epochs):
+        shuffled, shuffled_targets = torch.empty_like(inputs), torch.empty_like(scaled)
+        squares = 0.0
+        for epoch in range(self._epochs):
             order = torch.from_numpy(self._rng.permutation(len(inputs)))
-            loss.zero_()
-            for batch in order.split(self._minibatch):
-                loss += self._step(inputs[batch], scaled[batch]) * len(batch)
-        return float(loss) / len(inputs) / self._target_scale**2
+            torch.index_select(inputs, 0, order, out=shuffled)
+            torch.index_select(scaled, 0, order, out=shuffled_targets)
+            for states, wanted in zip(
+                shuffled.split(self._minibatch),
+                shuffled_targets.split(self._minibatch),
+                strict=True,
+            ):
+                error = self._step(states, wanted)
+                if epoch == self._epochs - 1:
+                    squares += float(error.dot(error))
+        return 0.5 * squares / len(inputs) / self._target_scale**2
 
     def learn_scale(self, observations: np.ndarray) -> None:
         """Take observations (B, o) into the running statistics, if they are in use."""
@@ -109,32 +119,38 @@ class Critic:
             observations = self._statistics.normalised(observations)
         return torch.from_numpy(observations.astype(np.float32))
 
-    def _forward(self, inputs: torch.Tensor) -> list[torch.Tensor]:
-        """Return the activations of every layer: inputs, hidden ones, values (B,)."""
-        activations = [inputs]
-        for matrix, bias in zip(self._matrices[:-1], self._biases[:-1], strict=True):
-            activations.append(torch.addmm(bias, activations[-1], matrix.t()).tanh_())
-        activations.append(torch.mv(activations[-1], self._matrices[-1][0]).add_(self._biases[-1]))
-        return activations
+    def _layers(self, size: int) -> list[torch.Tensor]:
+        return [torch.empty(size, len(matrix)) for matrix in self._matrices[:-1]]
+
+    def _forward(self, inputs: torch.Tensor, hidden: Sequence[torch.Tensor]) -> torch.Tensor:
+        """Write the hidden layers' activations to `hidden`, (B, width) each; return values (B,)."""
+        below = inputs
+        for matrix, bias, out in zip(self._matrices[:-1], self._biases[:-1], hidden, strict=True):
+            below = torch.addmm(bias, below, matrix.t(), out=out).tanh_()
+        return torch.mv(below, self._matrices[-1][0]).add_(self._biases[-1])
 
     def _step(self, inputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
-        """One Adam step on the mean of 0.5 (V - G)^2; return that loss before the step."""
-        *activations, values = self._forward(inputs)
-        error = values.sub_(targets)
-        loss = 0.5 * error.dot(error) / len(error)
-        error = error / len(error)
-        torch.mv(activations[-1].t(), error, out=self._matrix_gradients[-1][0])
-        torch.sum(error, 0, keepdim=True, out=self._bias_gradients[-1])
-        flow = torch.outer(error, self._matrices[-1][0])
-        for layer in range(len(activations) - 2, -1, -1):
-            output = activations[layer + 1]
-            flow = torch.ops.aten.tanh_backward(flow, output)  # tanh' = 1 - tanh^2
-            torch.mm(flow.t(), activations[layer], out=self._matrix_gradients[layer])
+        """One Adam step on the mean of 0.5 (V - G)^2; return V - G before it, (B,)."""
+        size = len(inputs)
+        hidden, flows = self._hidden, self._flows
+        if size < self._minibatch:  # the last of an epoch
+            hidden, flows = ([part[:size] for part in parts] for parts in (hidden, flows))
+        error = self._forward(inputs, hidden).sub_(targets)
+        slope = error / size
+        torch.mv(hidden[-1].t(), slope, out=self._matrix_gradients[-1][0])
+        torch.sum(slope, 0, keepdim=True, out=self._bias_gradients[-1])
+        torch.outer(slope, self._matrices[-1][0], out=flows[-1])
+        for layer in range(len(hidden) - 1, -1, -1):
+            flow = flows[layer]
+            # tanh' = 1 - tanh^2
+            torch.ops.aten.tanh_backward.grad_input(flow, hidden[layer], grad_input=flow)
+            below = inputs if layer == 0 else hidden[layer - 1]
+            torch.mm(flow.t(), below, out=self._matrix_gradients[layer])
             torch.sum(flow, 0, out=self._bias_gradients[layer])
             if layer > 0:
-                flow = flow @ self._matrices[layer]
+                torch.mm(flow, self._matrices[layer], out=flows[layer - 1])
         self._adam.descend(self._weights.numpy(), self._gradient.numpy(), self._learning_rate)
-        return loss
+        return error
 
     def state(self) -> dict[str, Any]:
         """Return a picklable copy: weights, Adam's moments, random stream, statistics."""

@@ -117,6 +117,8 @@ class Zoac(Tuner):
         self._adam = Adam(self._theta)
         self._iteration = 0
         self._worst_cost = 0.0
+        self._pending: tuple[np.ndarray, np.ndarray] | None = None  # states and their targets
+        self._critic_loss: float | None = None
         self._directions = np.empty((0, dimension))
 
     def ask(self) -> list[Proposal]:
@@ -141,15 +143,16 @@ class Zoac(Tuner):
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Update critic and parameters (Algorithm 1, lines 7 to 13)."""
+        self.meanwhile()
         segments = self._finite(segments)
         everything = np.concatenate([s.observations for s in segments])
-        # Advantages come from the critic as it was before this iteration's update.
+        # Advantages come from the critic as it was before this iteration's update, so the update
+        # (line 11) can wait for a better moment: see `meanwhile`.
         values = self._critic.values(everything)
         ends = np.cumsum([len(s.observations) for s in segments])[:-1]
         advantages, targets = estimate(segments, np.split(values, ends), self._gamma, self._lam)
         states = np.concatenate([s.observations[:-1] for s in segments])
-        self._critic.learn_scale(states)
-        loss = self._critic.fit(states, np.concatenate(targets))
+        self._pending = states, np.concatenate(targets)
         weights = self._weights(advantages)
         gradient = zeroth_order_gradient(weights, self._directions, self._sigma)  # eq. (10)
         step_size = self.step_size
@@ -159,14 +162,24 @@ class Zoac(Tuner):
             self._theta = self._problem.space.clip(self._theta)
         self._average = self._decay * self._average + (1 - self._decay) * self._theta
         self._iteration += 1
+        loss = {} if self._critic_loss is None else {"critic_loss": self._critic_loss}
         return {
-            "critic_loss": loss,
+            **loss,  # of the update before
             "advantage_mean": float(advantages.mean()),
             "advantage_std": float(advantages.std()),
             "gradient_norm": float(np.linalg.norm(gradient)),
             "step_size": step_size,
             "value_mean": float(values.mean()),
         }
+
+    def meanwhile(self) -> None:
+        """Update the critic (Algorithm 1, line 11): most of the time, and nobody waits for it."""
+        if self._pending is None:
+            return
+        states, targets = self._pending
+        self._pending = None
+        self._critic.learn_scale(states)
+        self._critic_loss = self._critic.fit(states, targets)
 
     def _finite(self, segments: Sequence[Segment]) -> list[Segment]:
         """Replace costs that are not finite by the worst finite one so far."""
@@ -194,9 +207,11 @@ class Zoac(Tuner):
 
     def state(self) -> dict[str, Any]:
         """Return everything that lasts between iterations."""
+        self.meanwhile()
         return {
             "rng": self._rng.bit_generator.state,
             "critic": self._critic.state(),
+            "critic_loss": self._critic_loss,
             "theta": self._theta.copy(),
             "average": self._average.copy(),
             "adam": self._adam.state(),
@@ -209,6 +224,8 @@ class Zoac(Tuner):
         """Put back what `state` returned."""
         self._rng.bit_generator.state = state["rng"]
         self._critic.restore(state["critic"])
+        self._critic_loss = state.get("critic_loss")  # a checkpoint of version 0.1.0 has none
+        self._pending = None
         self._theta, self._average = state["theta"].copy(), state["average"].copy()
         self._adam.restore(state["adam"])
         self._iteration = state["iteration"]
