@@ -110,6 +110,29 @@ def test_a_signal_stops_cleanly_and_the_same_command_ends_on_the_same_bits(tmp_p
     assert result(tmp_path / "a")["z"] == result(tmp_path / "b")["z"]
 
 
+def test_a_second_signal_stops_at_once(tmp_path):
+    # One iteration of this takes far longer than the test would wait.
+    endless = ["tuner=es", "tuner.population=1000000", "budget=100000000"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "zoac.run", "task=pid_acc", *endless], cwd=tmp_path,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={"PYTHONPATH": str(ROOT), "HOME": str(tmp_path)},
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stderr is not None
+    while "evaluation cost" not in process.stdout.readline():
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    while "once more stops at once" not in (line := process.stderr.readline()):
+        assert line or process.poll() is None
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    assert list(tmp_path.rglob("run.json"))
+
+
 def test_a_second_process_on_the_same_folder_is_refused(tmp_path):
     fcntl = pytest.importorskip("fcntl")
     folder = tmp_path / "runs/pid_acc/zoac/seed=0/variant=small"
