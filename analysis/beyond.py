@@ -3,14 +3,15 @@
 A run's cost is divided by a reference cost on the same evaluation episodes: that of the nominal
 controller or, with `--reference best`, that of the best run there is. One row per tuner and
 variant, one column per budget: mean ratio, worst ratio, number of seeds. Writes beyond.md and
-beyond.csv; an ablation is a table whose variants leave one thing out each.
+beyond.csv; an ablation is a table whose variants leave one thing out each. A second table has the
+terminations per 100,000 steps of tuning: what the search did to the plant.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,11 +29,18 @@ ASIDE = ("budget", "mpc_solver", "executor")
 
 
 class Row(NamedTuple):
-    """A method, and the ratios of its seeds at each budget."""
+    """A method, and what its seeds reached at each budget."""
 
     tuner: str
     variant: str
-    ratios: Mapping[int, Mapping[int, float]]  # budget -> seed -> ratio
+    outcomes: Mapping[int, Mapping[int, Outcome]]  # budget -> seed
+
+
+class Outcome(NamedTuple):
+    """Of one run: its ratio, and terminations per 100,000 steps (None: not recorded)."""
+
+    ratio: float
+    terminations: float | None
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -95,7 +103,7 @@ def table(
     Raises:
         RunFolderError: If runs met other episodes than the reference, or differ in settings.
     """
-    found: dict[tuple[str, str], dict[int, dict[int, float]]] = {}
+    found: dict[tuple[str, str], dict[int, dict[int, Outcome]]] = {}
     compared: dict[int, list[Run]] = {}
     for run in runs:
         if not run.tuned or (seeds and not seeds[0] <= run.seed <= seeds[1]):
@@ -108,30 +116,42 @@ def table(
         budget = int(run.config["budget"])
         compared.setdefault(budget, []).append(run)
         row = found.setdefault((run.method.tuner, _variant(run)), {})
-        row.setdefault(budget, {})[run.seed] = float(run.costs.mean() / reference.mean())
+        row.setdefault(budget, {})[run.seed] = Outcome(
+            float(run.costs.mean() / reference.mean()), _terminations(run)
+        )
     for same_budget in compared.values():
         refuse_unequal(same_budget)
-    rows = [Row(tuner, variant, ratios) for (tuner, variant), ratios in found.items()]
-    return sorted(rows, key=lambda row: _mean(row.ratios[max(row.ratios)]))
+    rows = [Row(tuner, variant, outcomes) for (tuner, variant), outcomes in found.items()]
+    return sorted(rows, key=lambda row: _ratios(row.outcomes[max(row.outcomes)]).mean())
 
 
 def markdown(task: str, rows: Sequence[Row], reference: str, cost: float) -> str:
-    """Return a Markdown table under a title."""
-    budgets = sorted({budget for row in rows for budget in row.ratios})
+    """Return a Markdown table of ratios under a title, and one of terminations if recorded."""
     against = "the nominal controller" if reference == "nominal" else "the best run"
-    lines = [["Tuner", *(f"{budget:,} steps" for budget in budgets)]]
-    for row in rows:
-        label = TUNERS.get(row.tuner, row.tuner) + (f" [{row.variant}]" if row.variant else "")
-        lines.append([label, *(_cell(row.ratios.get(budget)) for budget in budgets)])
-    return (
+    text = (
         f"## {TASKS.get(task, task)}\n\n"
         f"Cost over that of {against} ({cost:.4g}) on the same episodes: mean, worst seed, (number "
-        f"of seeds).\n\n{pipes(lines)}\n"
+        f"of seeds).\n\n{_lines(rows, _ratio_cell)}\n"
+    )
+    if all(_terminated(o) is None for row in rows for o in row.outcomes.values()):
+        return text
+    return (
+        f"{text}\nTerminations per 100,000 steps of tuning: mean of the seeds.\n\n"
+        f"{_lines(rows, _termination_cell)}\n"
     )
 
 
+def _lines(rows: Sequence[Row], cell: Callable[[Mapping[int, Outcome]], str]) -> str:
+    budgets = sorted({budget for row in rows for budget in row.outcomes})
+    lines = [["Tuner", *(f"{budget:,} steps" for budget in budgets)]]
+    for row in rows:
+        label = TUNERS.get(row.tuner, row.tuner) + (f" [{row.variant}]" if row.variant else "")
+        lines.append([label, *(cell(row.outcomes.get(budget, {})) for budget in budgets)])
+    return pipes(lines)
+
+
 def frame(task: str, rows: Sequence[Row]) -> pd.DataFrame:
-    """Return one row per run: task, tuner, variant, budget, seed, ratio."""
+    """Return one row per run: task, tuner, variant, budget, seed, ratio, terminations."""
     return pd.DataFrame(
         [
             {
@@ -140,27 +160,43 @@ def frame(task: str, rows: Sequence[Row]) -> pd.DataFrame:
                 "variant": row.variant,
                 "budget": budget,
                 "seed": seed,
-                "ratio": ratio,
+                **outcome._asdict(),
             }
             for row in rows
-            for budget, ratios in sorted(row.ratios.items())
-            for seed, ratio in sorted(ratios.items())
+            for budget, outcomes in sorted(row.outcomes.items())
+            for seed, outcome in sorted(outcomes.items())
         ]
     )
 
 
-def _cell(ratios: Mapping[int, float] | None) -> str:
-    if not ratios:
+def _terminations(run: Run) -> float | None:
+    count = run.outcome.get("tuning_terminations")
+    return None if count is None else count / run.outcome["env_steps"] * 1e5
+
+
+def _ratios(outcomes: Mapping[int, Outcome]) -> np.ndarray:
+    return np.array([outcome.ratio for outcome in outcomes.values()])
+
+
+def _ratio_cell(outcomes: Mapping[int, Outcome]) -> str:
+    if not outcomes:
         return NOTHING
-    return f"{_ratio(_mean(ratios))}, {_ratio(max(ratios.values()))} ({len(ratios)})"
+    ratios = _ratios(outcomes)
+    return f"{_ratio(ratios.mean())}, {_ratio(ratios.max())} ({len(ratios)})"
+
+
+def _terminated(outcomes: Mapping[int, Outcome]) -> float | None:
+    known = [o.terminations for o in outcomes.values() if o.terminations is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _termination_cell(outcomes: Mapping[int, Outcome]) -> str:
+    mean = _terminated(outcomes)
+    return NOTHING if mean is None else f"{mean:.3g}"
 
 
 def _ratio(value: float) -> str:
     return f"{value:.3f}" if value < 10 else f"{value:.3g}"
-
-
-def _mean(ratios: Mapping[Any, float]) -> float:
-    return float(np.mean(list(ratios.values())))
 
 
 def _variant(run: Run) -> str:

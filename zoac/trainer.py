@@ -73,6 +73,7 @@ class Progress:
     checkpoint_seconds: float = 0.0
     solver_failures: int = 0
     lane_restarts: int = 0
+    terminations: int = 0
     log_bytes: int = field(default=0)
 
 
@@ -141,6 +142,7 @@ class Trainer:
             metrics = self._tuner.tell(seen)
         costs = np.concatenate([s.costs for s in seen])
         terminations = sum(s.terminated for s in segments)
+        progress.terminations += terminations
         self._log.row(
             "train",
             self._stamp(iteration=progress.iteration),
@@ -186,6 +188,7 @@ class Trainer:
             **{f"{part}_seconds": progress[f"{part}_seconds"] for part in _PARTS},
             "solver_failures": progress["solver_failures"],
             "lane_restarts": progress["lane_restarts"],
+            "tuning_terminations": progress["terminations"],
             **self._tuner.outcome(),
         }
         return self._log.finish(result)

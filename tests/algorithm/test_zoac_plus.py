@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -221,3 +223,41 @@ def test_outliers_are_clipped_in_robust_deviations():
     weights = tuner._weights(advantages)
     assert weights[-1] == 3.0
     np.testing.assert_allclose(weights[:4], halves[:4] / 1.4826)
+
+
+def ended(segments, count):
+    """The first `count` of segments terminated, the others not."""
+    return [dataclasses.replace(s, terminated=i < count) for i, s in enumerate(segments)]
+
+
+def test_perturbation_and_step_shrink_with_terminations_and_come_back():
+    tuner = make_plus(sigma=0.1, sigma_end=0.1, step_size=0.03, step_size_end=0.03,
+                      tolerated_terminations=0.25)  # fmt: skip
+    group = lane_group(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
+
+    def sigma(terminated):
+        segments = group.rollout(tuner.ask())
+        assert len(segments) == 16
+        tuner.tell(ended(segments, terminated))
+        assert tuner.step_size / 0.03 == pytest.approx(tuner._caution)
+        tuner.ask()
+        return tuner._sigma
+
+    assert sigma(4) == pytest.approx(0.1)
+    assert sigma(5) == pytest.approx(0.05)
+    assert sigma(16) == pytest.approx(0.025)
+    twin = make_plus(sigma=0.1, sigma_end=0.1, tolerated_terminations=0.25)
+    twin.restore(tuner.state())
+    twin.ask()
+    assert twin._sigma == pytest.approx(0.025)
+    assert sigma(0) == pytest.approx(0.025 * 1.05)
+    for _ in range(40):
+        last = sigma(0)
+    assert last == pytest.approx(0.1)
+
+
+def test_terminations_are_tolerated_unless_told_otherwise():
+    tuner, group = make_plus(), lane_group(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
+    tuner.tell(ended(group.rollout(tuner.ask()), 16))
+    tuner.ask()
+    assert tuner._sigma == pytest.approx(0.1)

@@ -24,7 +24,13 @@ def runs(tmp_path):
 def rows(root, seeds=None, reference="nominal"):
     finished = load(root).finished
     table = beyond.table(finished, beyond.reference_costs(finished, reference), seeds)
-    return {row.variant: row.ratios for row in table}
+    return {
+        row.variant: {
+            budget: {seed: outcome.ratio for seed, outcome in outcomes.items()}
+            for budget, outcomes in row.outcomes.items()
+        }
+        for row in table
+    }
 
 
 def test_a_ratio_is_the_mean_cost_over_the_nominal_one(runs):
@@ -47,6 +53,17 @@ def test_the_command_prints_mean_worst_and_number(runs, tmp_path, capsys):
     assert beyond.main([str(runs), "--out", str(tmp_path / "out"), "--seeds", "0-9"]) == 0
     assert "| ZOAC | 1.500, 2.000 (2) | 0.750, 1.000 (2) |" in capsys.readouterr().out
     assert (tmp_path / "out" / "beyond.csv").read_text().count("\n") == 6
+
+
+def test_terminations_while_tuning_are_told_where_they_were_counted(runs, tmp_path, capsys):
+    assert beyond.main([str(runs), "--out", str(tmp_path / "out")]) == 0
+    assert "Terminations" not in capsys.readouterr().out
+    for seed, count in ((7, 3), (8, 5)):
+        write_run(runs, seed=seed, costs=(3.0, 3.0), variant="careful",
+                  result={"tuning_terminations": count})  # fmt: skip
+    assert beyond.main([str(runs), "--out", str(tmp_path / "out")]) == 0
+    assert "| ZOAC [careful] | 400 | -- |" in capsys.readouterr().out
+    assert "careful,1000,8,1.0,500.0\n" in (tmp_path / "out" / "beyond.csv").read_text()
 
 
 def test_without_a_nominal_run_it_says_what_to_do(tmp_path, capsys):

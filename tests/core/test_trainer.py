@@ -17,10 +17,10 @@ from zoac.tuner import Problem
 RUN = {"format": 1, "task": "t", "tuner": "z", "seed": 0, "variant": None, "config_hash": "0"}
 
 
-def train(folder, executor=None, stop=lambda: False, tuner=Zoac, **settings):
+def train(folder, executor=None, stop=lambda: False, tuner=Zoac, ends_after=None, **settings):
     settings = Settings(**{"budget": 200, "lanes": 3, "eval_every": 50, "episodes": 2,
                            "final_episodes": 3, **settings})  # fmt: skip
-    task = CountingTask(max_episode_steps=7)
+    task = CountingTask(7, ends_after)
     problem = Problem(task.space, 3, settings.lanes, settings.budget, 7, settings.seed)
     executor = executor or Serial()
     executor.start(task, settings.lanes, settings.seed)
@@ -143,3 +143,9 @@ def test_what_the_tuner_does_beside_an_evaluation_is_the_tuners_time(tmp_path):
     evaluations = len(numbers(tmp_path, "eval"))
     assert result["tuner_seconds"] > 0.02 * evaluations
     assert result["evaluation_seconds"] < 0.02 * evaluations
+
+
+def test_terminations_while_tuning_are_counted(tmp_path):
+    result = train(tmp_path, ends_after=5)
+    # Every lane's episodes of 5 steps; segments of 3 end with them.
+    assert result["tuning_terminations"] == result["env_steps"] // 5 > 0

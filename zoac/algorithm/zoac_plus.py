@@ -21,6 +21,9 @@ from zoac.tuner import Problem
 MAD_TO_STD = 1.4826
 """Median absolute deviation to standard deviation, for a normal distribution."""
 
+SHRINK, RECOVER = 0.5, 1.05
+"""Of perturbation and step, after an iteration with too many terminations and after any other."""
+
 
 class ZoacPlus(Zoac):
     """Zeroth-order actor-critic on pairs of branches, from the winner of a race.
@@ -52,6 +55,7 @@ class ZoacPlus(Zoac):
         finals_share: Fraction = 0.1,
         finals_entries: Count = 3,
         clip_advantages: Annotated[float, Field(gt=0)] | None = 3.0,
+        tolerated_terminations: Annotated[float, Field(ge=0, lt=1)] | None = None,
         **options: Any,
     ) -> None:
         """
@@ -72,6 +76,9 @@ class ZoacPlus(Zoac):
                 at equal distances.
             clip_advantages: Scale by the median absolute deviation, as a standard deviation, and
                 clip here; None leaves them as `standardise_advantages` says.
+            tolerated_terminations: Part of an iteration's segments that may end in termination;
+                above it perturbation and step shrink, below it they come back. None: any. For
+                careful tuning from known gains: no race, which tries the whole box.
             options: Those of `Zoac`; the schedules above stand in for its annealing.
         """
         super().__init__(
@@ -79,6 +86,7 @@ class ZoacPlus(Zoac):
         )
         self._sigmas = (sigma, sigma_end)
         self._paired, self._clip = paired and problem.branches, clip_advantages
+        self._tolerated, self._caution = tolerated_terminations, 1.0
         self._race = Race(
             problem,
             self._rng,
@@ -103,9 +111,9 @@ class ZoacPlus(Zoac):
 
     @property
     def step_size(self) -> float:
-        """Shrinks geometrically from the first to the last."""
+        """Shrinks geometrically from the first to the last, and with `tolerated_terminations`."""
         first, last, _ = self._step_sizes
-        return first * (last / first) ** self.progress
+        return self._caution * first * (last / first) ** self.progress
 
     @property
     def _in_finals(self) -> bool:
@@ -118,7 +126,7 @@ class ZoacPlus(Zoac):
         if self._in_finals:
             return self._finals.ask()
         first, last = self._sigmas
-        self._sigma = first * (last / first) ** self.progress
+        self._sigma = self._caution * first * (last / first) ** self.progress
         return super().ask()
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
@@ -132,10 +140,19 @@ class ZoacPlus(Zoac):
             return self._finals.tell(segments)
         numbers = super().tell(segments)
         self._spent += steps
+        self._be_careful(segments)
         while self._entered + 1 <= self._entries * self.progress + 1e-9:
             self._entered += 1
             self._finals.enter(self._average)
         return {**numbers, "sigma": self._sigma}
+
+    def _be_careful(self, segments: Sequence[Segment]) -> None:
+        if self._tolerated is None:
+            return
+        if np.mean([segment.terminated for segment in segments]) > self._tolerated:
+            self._caution *= SHRINK
+        else:
+            self._caution = min(1.0, self._caution * RECOVER)
 
     def _tell_race(self, segments: Sequence[Segment]) -> dict[str, float]:
         numbers = self._race.tell(segments)
@@ -176,6 +193,7 @@ class ZoacPlus(Zoac):
             "race": self._race.state(),
             "finals": self._finals.state(),
             "progress": (self._spent, self._search_from, self._entered),
+            "caution": self._caution,
         }
 
     def restore(self, state: Any) -> None:
@@ -184,6 +202,7 @@ class ZoacPlus(Zoac):
         self._race.restore(state["race"])
         self._finals.restore(state["finals"])
         self._spent, self._search_from, self._entered = state["progress"]
+        self._caution = state.get("caution", 1.0)  # a checkpoint of version 0.1.0 has none
 
     def describe(self) -> dict[str, Any]:
         """Return the choices that a comparison must show."""
