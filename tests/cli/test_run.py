@@ -120,14 +120,17 @@ def test_a_second_signal_stops_at_once(tmp_path):
     )  # fmt: skip
     assert process.stdout is not None
     assert process.stderr is not None
-    while "evaluation cost" not in process.stdout.readline():
+    try:
+        while "evaluation cost" not in process.stdout.readline():
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        while "once more stops at once" not in (line := process.stderr.readline()):
+            assert line or process.poll() is None
         assert process.poll() is None
-    process.send_signal(signal.SIGINT)
-    while "once more stops at once" not in (line := process.stderr.readline()):
-        assert line or process.poll() is None
-    assert process.poll() is None
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=30)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+    finally:
+        process.kill()
     assert process.returncode == 130
     assert "Traceback" not in errors
     assert list(tmp_path.rglob("run.json"))
