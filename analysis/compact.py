@@ -18,10 +18,12 @@ import io
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import groupby
 from typing import Any
 
 from zoac.analysis import cli
-from zoac.analysis.compact_format import EVALUATIONS, KEY, METHODS, RUNS
+from zoac.analysis.compact_format import EVALUATIONS, KEY, METHODS, RUNS, TIMES
 from zoac.analysis.load import Run, by_method
 
 OF_ONE_RUN = ("seed", "command", "started")
@@ -41,19 +43,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="STEPS",
         help="evaluations while tuning at least so far apart; 0: none; default: all",
     )
+    parser.add_argument(
+        "--digits",
+        type=int,
+        metavar="N",
+        help="significant digits of results; default: all, so that they come back exactly",
+    )
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
     runs = cli.load_aloud(options.runs).finished
     folder = cli.output_folder(options.out)
-    cli.write(folder / RUNS, runs_csv(runs))
+    cli.write(folder / RUNS, runs_csv(runs, options.digits))
     cli.write(folder / EVALUATIONS, evaluations_csv(runs, options.every))
     cli.write(folder / METHODS, methods_json(runs))
 
 
-def runs_csv(runs: Iterable[Run]) -> str:
-    """Return one row per run."""
+def runs_csv(runs: Iterable[Run], digits: int | None = None) -> str:
+    """Return one row per run; numbers to so many significant digits, or exact."""
     rows = []
     for run in runs:
         result = {k: v for k, v in run.outcome.items() if k not in (*KEY, *LEFT_OUT)}
@@ -65,7 +73,7 @@ def runs_csv(runs: Iterable[Run]) -> str:
                 **{f"parameters.{name}": value for name, value in parameters.items()},
             }
         )
-    return _csv(rows, exact)
+    return _csv(rows, exact if digits is None else partial(rounded, digits=digits))
 
 
 def evaluations_csv(runs: Iterable[Run], every: int = 1) -> str:
@@ -106,9 +114,9 @@ def exact(value: Any) -> str:
     return json.dumps(value)
 
 
-def rounded(value: Any) -> str:
-    """Return a cell of six significant digits."""
-    return f"{value:.6g}" if isinstance(value, float) else json.dumps(value)
+def rounded(value: Any, digits: int = 6) -> str:
+    """Return a cell of so many significant digits."""
+    return f"{value:.{digits}g}" if isinstance(value, float) else json.dumps(value)
 
 
 def _csv(rows: Sequence[Mapping[str, Any]], number: Callable[[Any], str]) -> str:
@@ -127,7 +135,8 @@ def _cell(value: Any, number: Callable[[Any], str]) -> str:
     if isinstance(value, str):
         return value
     if isinstance(value, list):
-        return " ".join(map(number, value))
+        parts = ((part, len(list(same))) for part, same in groupby(map(number, value)))
+        return " ".join(part if times == 1 else f"{part}{TIMES}{times}" for part, times in parts)
     return number(value)
 
 

@@ -16,6 +16,9 @@ KEY = ("task", "tuner", "variant", "seed")
 TEXTS = ("task", "tuner", "variant")
 LISTS = ("cost_per_episode", "episode_lengths")
 
+TIMES = "*"
+"""In a list, 200*3 is 200 200 200."""
+
 
 class Record(NamedTuple):
     """One run: run.json without what belongs to the run alone, metrics.jsonl, result.json."""
@@ -76,5 +79,6 @@ def _value(name: str, cell: str) -> Any:
     if name in TEXTS:
         return cell or None
     if name in LISTS:
-        return [json.loads(part) for part in cell.split(" ")]
+        parts = (part.partition(TIMES) for part in cell.split(" "))
+        return [v for value, _, times in parts for v in [json.loads(value)] * int(times or 1)]
     return json.loads(cell)

@@ -34,6 +34,18 @@ def test_results_and_identities_come_back_exactly(runs, small):
         assert twin.outcome["parameters"] == run.outcome["parameters"]
 
 
+def test_equal_episodes_are_written_once(runs, small):
+    assert "3.0*3 0.3333333333333333" in (small / "runs.csv").read_text()
+
+
+def test_results_can_be_kept_to_fewer_digits(runs, tmp_path):
+    few = tmp_path / "few"
+    assert compact.main([str(runs), "--out", str(few), "--digits", "3"]) == 0
+    assert "3*3 0.333" in (few / "runs.csv").read_text()
+    for run, twin in zip(load(runs).runs, load(few).runs, strict=True):
+        np.testing.assert_allclose(twin.costs, run.costs, rtol=2e-3)
+
+
 def test_evaluations_come_back_to_six_digits(runs, small):
     for run, twin in zip(load(runs).runs, load(small).runs, strict=True):
         assert len(twin.evaluations) == (len(run.evaluations) if run.tuned else 0)
