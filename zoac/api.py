@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,7 +57,8 @@ class Result:
         parameters: By name, physical values, fixed ones included.
         cost_mean: Mean cost of the final evaluation episodes.
         cost_per_episode: Of each of them.
-        start_cost_mean: Mean cost of the start values on the same episodes; None without any.
+        start_cost_mean: Mean cost of the start values on the same episodes; None without any, and
+            for runs of the command line.
         env_steps: Spent on tuning.
         folder: The run folder, with everything that was logged.
         record: The content of `result.json`: metrics, violations, the gate's verdict, times.
@@ -111,13 +112,12 @@ def load_result(folder: str | Path, task: Task | None = None) -> Result:
     folder = Path(folder)
     record = records.read_result(folder)
     fixed = records.read_run(folder)["config"]["task"].get("fixed", {})
-    return _result(record, fixed, None, folder, task)
+    return _result(record, fixed, folder, task)
 
 
 def _result(
     record: Mapping[str, Any],
     fixed: Mapping[str, float],
-    start_cost_mean: float | None,
     folder: Path,
     task: Task | None,
 ) -> Result:
@@ -125,7 +125,7 @@ def _result(
         parameters={**record["parameters"], **fixed},
         cost_mean=record["cost_mean"],
         cost_per_episode=record["cost_per_episode"],
-        start_cost_mean=start_cost_mean,
+        start_cost_mean=record.get("start_cost_mean"),
         env_steps=record["env_steps"],
         folder=folder,
         record=record,
@@ -277,7 +277,7 @@ def tune(
             "fixed": dict(the_task.fixed),
             **{k: dict(v) for k, v in (("plant", plant or {}), ("vary", vary or {})) if v},
         }
-    settings = build.build_settings(plain)
+    settings = replace(build.build_settings(plain), compare_start=True)
     run = Run(
         identity={"task": name, "tuner": tuner, "seed": seed},
         config=plain,
@@ -292,8 +292,7 @@ def tune(
     result = execute(run, where)
     if not isinstance(task, str):
         _keep_task(the_task, where)
-    start_cost = _cost_of(the_task, settings) if the_task.nominal is not None else None
-    return _result(result, the_task.fixed, start_cost, where, the_task)
+    return _result(result, the_task.fixed, where, the_task)
 
 
 def _task(
@@ -314,23 +313,6 @@ def _task(
     if env is None or controller is None or space is None:
         raise ConfigError("tune needs a task, or all of env, controller and space")
     return user_task(env=env, controller=controller, space=space, **options)
-
-
-def _cost_of(task: Task, settings: Any) -> float:
-    """Return the mean cost of the task's start values on the final evaluation episodes."""
-    from zoac.evaluation import evaluation_proposals, evaluation_row
-    from zoac.executor import Serial
-
-    assert task.nominal is not None
-    executor = Serial()
-    executor.start(task, 1, settings.seed)
-    proposals = evaluation_proposals(
-        task.space.unit(task.nominal), settings.final_episodes, settings.evaluation_seed
-    )
-    try:
-        return float(evaluation_row(executor.evaluate(proposals), task.metrics)["cost_mean"])
-    finally:
-        executor.close()
 
 
 def _set(

@@ -42,6 +42,7 @@ class Settings:
         checkpoint_seconds: Wall seconds between checkpoints.
         trust: How far the start values are trusted, from 0 to 1; see `zoac.gate.trusted`.
         gate: Share of the budget for proof that the answer beats the start; see `zoac.gate.Gate`.
+        compare_start: Whether the result says what the start values cost on its episodes.
         failure_penalty: The task's, see `zoac.task.Task`; here to be checked with the rest.
     """
 
@@ -56,6 +57,7 @@ class Settings:
     trust: Annotated[float, Field(ge=0, le=1)] | None = None
     gate: Annotated[float, Field(gt=0, lt=1)] | None = None
     failure_penalty: float | None = None
+    compare_start: bool = False
 
 
 @dataclass
@@ -179,6 +181,7 @@ class Trainer:
     def _finish(self) -> dict[str, Any]:
         final = self._evaluate(self._settings.final_episodes, final=True)
         del final["final"]
+        start = self._start_cost()
         progress = asdict(self.progress)
         result = {
             "env_steps": progress["env_steps"],
@@ -189,9 +192,21 @@ class Trainer:
             "solver_failures": progress["solver_failures"],
             "lane_restarts": progress["lane_restarts"],
             "tuning_terminations": progress["terminations"],
+            **start,
             **self._tuner.outcome(),
         }
         return self._log.finish(result)
+
+    def _start_cost(self) -> dict[str, float]:
+        """Return what the start values cost on the final evaluation episodes, if asked for."""
+        settings, nominal = self._settings, self._task.nominal
+        if not settings.compare_start or nominal is None:
+            return {}
+        z = self._task.space.unit(nominal)
+        proposals = evaluation_proposals(z, settings.final_episodes, settings.evaluation_seed)
+        with self._timed("evaluation_seconds"):
+            segments = self._executor.evaluate(proposals)
+        return {"start_cost_mean": float(np.mean([s.costs.sum() for s in segments]))}
 
     def _account(self, segments: list[Segment]) -> None:
         """Add up what the controllers report of their solvers, tuning and evaluation alike."""

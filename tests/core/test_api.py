@@ -43,6 +43,15 @@ def test_start_values_are_where_zoac_begins_and_are_reported():
     assert result.start_cost_mean == pytest.approx(result.cost_mean)
 
 
+def test_what_the_start_values_cost_stays_with_the_run(tmp_path):
+    space = {"k": {"low": 0, "high": 2, "start": 1.5}}
+    result = tune(space=space, folder=tmp_path / "run")
+    nothing_tuned = tune(space=space, budget=0)
+    assert result.start_cost_mean == pytest.approx(nothing_tuned.cost_mean)
+    assert zoac.load_result(tmp_path / "run").start_cost_mean == result.start_cost_mean
+    assert tune(space=space, folder=tmp_path / "run").start_cost_mean == result.start_cost_mean
+
+
 def test_a_folder_makes_a_run_that_is_not_done_twice(tmp_path, capsys):
     first = tune(folder=tmp_path / "run")
     second = tune(folder=tmp_path / "run")
