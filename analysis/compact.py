@@ -35,7 +35,7 @@ LEFT_OUT = ("z", "config_hash", "format")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the three files; return the exit code."""
-    parser = cli.parser("compact", "Runs in three small files.", out="results")
+    parser = cli.parser("compact", "Runs in three small files.", out="compact")
     parser.add_argument(
         "--every",
         type=int,

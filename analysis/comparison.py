@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from zoac.analysis.claims import Claim, claims
+from zoac.analysis.claims import Claim, claim_stream, claims
 from zoac.analysis.fairness import refuse_mixed, refuse_unequal
 from zoac.analysis.labels import TASKS, family, method_labels
 from zoac.analysis.load import Collection, Method, Run, by_method
@@ -166,6 +166,7 @@ def compare(
                 wanted,
                 scores.get(method),
                 reference,
+                labels[nominal] if nominal else "",
                 random_seed,
             )
         )
@@ -249,6 +250,7 @@ def _summarise(
     wanted: list[int],
     scores: Scores | None,
     nominal: Scores | None,
+    nominal_label: str,
     random_seed: int,
 ) -> Summary:
     seeds = tuple(o.seed for o in outcomes)
@@ -261,7 +263,9 @@ def _summarise(
         cost = summarise(scores, stream(random_seed, name))
         iqm = summarise(scores, stream(random_seed, name, 1), statistic=interquartile_mean)
         if nominal is not None:
-            minus_nominal = paired_difference(scores, nominal, stream(random_seed, name, 2))
+            minus_nominal = paired_difference(
+                scores, nominal, claim_stream(random_seed, label, nominal_label)
+            )
     return Summary(
         method=method,
         label=label,

@@ -128,7 +128,8 @@ def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> Figure:
 
 def _draw_evolution(axes: Axes, runs: Sequence[Run], parameter: Parameter, bottom: bool) -> None:
     for k, run in enumerate(runs):
-        rows = [row for row in run.metrics if row["kind"] == "eval"]
+        # A compact form keeps the final parameters only.
+        rows = [row for row in run.metrics if row["kind"] == "eval" and "parameters" in row]
         steps = [row["env_steps"] for row in rows]
         values = [row["parameters"][parameter.name] for row in rows]
         look = style.look(k)

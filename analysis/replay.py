@@ -75,7 +75,9 @@ def costs(task: Task, points: np.ndarray, episodes: int, seed: int) -> np.ndarra
 def before(run: Run) -> dict[str, float] | None:
     """Return the parameters from which `run` began, if they were logged."""
     rows = run.evaluations
-    return dict(rows[0]["parameters"]) if rows and rows[0]["env_steps"] == 0 else None
+    if not rows or rows[0]["env_steps"] > 0 or "parameters" not in rows[0]:
+        return None
+    return dict(rows[0]["parameters"])
 
 
 class _Demonstration(Task):

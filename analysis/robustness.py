@@ -25,6 +25,7 @@ from zoac.analysis.formatting import number, pipes
 from zoac.analysis.labels import unit_label
 from zoac.analysis.load import Run
 from zoac.analysis.selection import chosen
+from zoac.build import NOTES
 from zoac.errors import ConfigError, RunFolderError, suggest
 from zoac.seeding import stream
 from zoac.task import Task
@@ -193,7 +194,7 @@ def _numbers(node: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
     """Return every number among a task's options by dotted name."""
     found: dict[str, float] = {}
     for key, value in node.items():
-        if isinstance(value, Mapping) and key != "space":
+        if isinstance(value, Mapping) and key not in ("space", *NOTES):
             found |= _numbers(value, f"{prefix}{key}.")
         elif isinstance(value, (int, float)) and not isinstance(value, bool):
             found[f"{prefix}{key}"] = float(value)

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from zoac.baselines.episodes import Count, Positive, Share
 from zoac.baselines.nevergrad import NevergradTuner
+from zoac.errors import ConfigError
 from zoac.tuner import Problem
 
 
@@ -51,8 +52,13 @@ class CmaEs(NevergradTuner):
             reevaluate_share: See `EpisodeTuner`.
 
         Raises:
-            ConfigError: If `start` is "nominal" and the task has no nominal parameters.
+            ConfigError: If there is a single parameter, or `start` is "nominal" and the task has no
+                nominal parameters.
         """
+        if problem.space.dimension == 1:
+            raise ConfigError(
+                "CMA-ES needs two parameters or more; for one use tuner=zoac_plus, bo or optuna"
+            )
         chosen = (spread, population, covariance, elitist)
         self._by_library = all(option is None for option in chosen)
         textbook = ng.families.ParametrizedCMA(

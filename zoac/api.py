@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
 from zoac import build, records
@@ -41,7 +42,10 @@ def make_task(name: str, **overrides: Any) -> Task:
     config = compose_config([f"task={name}", *groups])
     options = {key: value for key, value in overrides.items() if key not in GROUPS}
     _set(config, "task", options, f"task {name!r}", GROUPS)
-    return build.build_task(resolved(config))
+    plain = resolved(config)
+    task = build.build_task(plain)
+    task.tuned_for = plain["task"].get("tuned_for", {})
+    return task
 
 
 def task_from_config(config: Mapping[str, Any]) -> Task:
@@ -255,7 +259,7 @@ def tune(
     config = compose_config([f"tuner={tuner}", f"executor={executor}", *built_in])
     if not built_in:
         OmegaConf.set_struct(config, False)
-        del config.task["tuned_for"]  # options for the default task are not meant for this one
+        config.task["tuned_for"] = dict(the_task.tuned_for)  # not the default task's
     options = dict(tuner_options or {})
     if start is not None:
         the_task.nominal = dict(start)
@@ -263,12 +267,14 @@ def tune(
     if told and "start" in config.tuner:
         options.setdefault("start", "nominal")
     _set(config, "tuner", options, f"tuner {tuner!r}")
-    config.seed, config.budget, config.lanes = seed, budget, lanes
+    config.seed, config.lanes = _whole("seed", seed), _whole("lanes", lanes)
+    config.budget = _whole("budget", budget)
     config.trust, config.gate, config.failure_penalty = trust, gate, failure_penalty
     if failure_penalty is not None:
         the_task.failure_penalty = failure_penalty
-    config.eval_every = eval_every or max(1, budget // 10)
-    config.evaluation.episodes, config.evaluation.final_episodes = episodes, final_episodes
+    config.eval_every = _whole("eval_every", eval_every or max(1, config.budget // 10))
+    config.evaluation.episodes = _whole("episodes", episodes)
+    config.evaluation.final_episodes = _whole("final_episodes", final_episodes)
     plain = resolved(config)
     name = task if isinstance(task, str) else type(the_task).__name__
     if not isinstance(task, str):
@@ -286,7 +292,7 @@ def tune(
         tuner=build.build_tuner(plain["tuner"], the_task, settings),
         executor=build.build_executor(plain),
         settings=settings,
-        sinks=[] if quiet else [Console(budget)],
+        sinks=[] if quiet else [Console(config.budget)],
     )
     where = Path(folder) if folder is not None else Path(tempfile.mkdtemp(prefix="zoac-"))
     result = execute(run, where)
@@ -305,7 +311,7 @@ def _task(
     """Return the task to tune."""
     if task is not None:
         given = {"env": env, "controller": controller, "space": space}
-        given |= {name: options[name] or None for name in ("constraints", "plant", "vary")}
+        given |= {name: value or None for name, value in options.items() if name != "start"}
         doubled = [name for name, value in given.items() if value is not None]
         if doubled:
             raise ConfigError(f"give either task or env, controller and space; not {doubled} too")
@@ -313,6 +319,14 @@ def _task(
     if env is None or controller is None or space is None:
         raise ConfigError("tune needs a task, or all of env, controller and space")
     return user_task(env=env, controller=controller, space=space, **options)
+
+
+def _whole(name: str, value: Any) -> int:
+    """Return a whole number, which may be written 1e4."""
+    number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    if not number or value % 1 != 0:
+        raise ConfigError(f"{name}={value!r}: expected a whole number")
+    return int(value)
 
 
 def _set(

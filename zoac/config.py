@@ -217,9 +217,12 @@ def _siblings(key: str) -> str:
             node = OmegaConf.select(compose("run"), parent) if parent else compose("run")
     except HydraException:
         return "see --help"
-    known = list(node) if isinstance(node, DictConfig) else []
+    names = [str(name) for name in node] if isinstance(node, DictConfig) else []
+    known = [name for name in names if name[0] != "_" and name not in NOT_OF_THE_RUN]
     prefix = f"{parent}." if parent else ""
-    return suggest(prefix + name, [f"{prefix}{k}" for k in known if not str(k).startswith("_")])
+    if parent in GROUPS and not known:
+        return f"the default {parent} has no keys; choices: {', '.join(_choices(parent))}"
+    return suggest(prefix + name, [f"{prefix}{name}" for name in known])
 
 
 def _choices(group: str) -> list[str]:

@@ -21,8 +21,14 @@ from omegaconf.errors import OmegaConfBaseException
 
 from zoac import sweep
 from zoac.config import check_overrides, explain, know_own_conf, resolved, variant_of
-from zoac.errors import ZoacError
+from zoac.errors import ConfigError, ZoacError
 from zoac.usage import usage
+
+WITH_VALUE = (
+    "--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name", "-cn",
+    "--config-dir", "-cd", "--experimental-rerun",
+)  # fmt: skip
+"""Hydra's flags that are followed by a value."""
 
 # Where Hydra's callback, which may be of a second copy of this module, tells `main` of a sweep.
 _SWEEP = "ZOAC_SWEEP"
@@ -53,6 +59,7 @@ def _job(config: DictConfig) -> None:
     job = HydraConfig.get()
     if job.mode is not RunMode.MULTIRUN:
         try:
+            _refuse_half_a_sweep(job)
             _run(config)
         except ZoacError as error:
             # Not handed to Hydra, which would print more than the message.
@@ -60,6 +67,14 @@ def _job(config: DictConfig) -> None:
         return
     with sweep.noted(Path(job.sweep.dir), job.job.num, job.overrides.task) as again:
         _run(config, again)
+
+
+def _refuse_half_a_sweep(job: Any) -> None:
+    """Raise if an experiment lists runs that would be left out for want of `-m`."""
+    swept = list(job.sweeper.params or {})
+    if swept:
+        name = job.runtime.choices.get("experiment")
+        raise ConfigError(f"experiment={name} is a sweep over {', '.join(swept)}: add -m")
 
 
 def _run(config: DictConfig, again: bool = False) -> None:
@@ -82,6 +97,16 @@ def multirun_first(arguments: Sequence[str]) -> list[str]:
     return flags[:1] + [a for a in arguments if a not in ("-m", "--multirun")]
 
 
+def overrides_of(arguments: Sequence[str]) -> list[str]:
+    """Return the arguments that are overrides: no flags of Hydra, nor the values of flags."""
+    before = ["", *arguments]
+    return [
+        a
+        for flag, a in zip(before, arguments, strict=False)
+        if not a.startswith("-") and flag not in WITH_VALUE
+    ]
+
+
 def main() -> None:
     """Run the command line; exits with 1 and one message on a user's error."""
     arguments = multirun_first(sys.argv[1:])
@@ -98,7 +123,11 @@ def main() -> None:
     gave_up = ""
     _composed.clear()
     try:
-        check_overrides([a for a in arguments if not a.startswith("-")])
+        overrides = overrides_of(arguments)
+        check_overrides(overrides)
+        for text in overrides:
+            if text.lstrip("+~").partition("=")[0].partition(".")[0] == "search":
+                raise ConfigError(f"{text}: this belongs to python -m zoac.search")
         _job()
     except ZoacError as error:
         sys.exit(f"error: {error}")

@@ -179,6 +179,12 @@ class Console:
         """Print the tuned parameters."""
         for name, value in result["parameters"].items():
             self._print(f"  {name} = {value:.6g}")
+        if (gate := result.get("gate")) is not None:
+            verdict = "the answer beats" if gate["accepted"] else "no better was found, it is"
+            self._print(f"  gate: {verdict} the start values, {gate['pairs']} pairs of episodes")
+        for name, broken in result.get("violations_by_constraint", {}).items():
+            episodes = f"{broken['episodes']} of {len(result['cost_per_episode'])} episodes"
+            self._print(f"  constraint {name}: broken in {episodes}")
 
     def _progress(self, row: Mapping[str, Any]) -> str:
         """Return steps, time so far and time left, from the rate since this process began."""

@@ -120,6 +120,8 @@ class Task(ABC):
     wrong shape; it ends the episode. None: such a controller ends the run, with a message."""
     nominal: Mapping[str, Any] | None = None
     """Reference parameters that are not tuned, for tasks that have them."""
+    tuned_for: Mapping[str, Mapping[str, Any]] = {}
+    """Tuner's name -> options that suit this task; where nothing else is said, they hold."""
 
     @abstractmethod
     def make_env(self, n: int) -> LaneEnv:

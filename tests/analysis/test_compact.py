@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.analysis.folders import write_run
-from zoac.analysis import compact, table2
+from zoac.analysis import compact, landscape, replay, table2
 from zoac.analysis.load import load
 
 
@@ -89,3 +89,9 @@ def test_evaluations_can_be_thinned(runs, tmp_path, every, kept):
     assert compact.main([str(runs), "--out", str(out), "--every", str(every)]) == 0
     run = next(run for run in load(out).runs if run.method.tuner == "zoac")
     assert [row["env_steps"] for row in run.evaluations] == kept
+
+
+def test_figures_do_without_what_was_not_kept(small, tmp_path):
+    arguments = [str(small), "--task", "pid_acc", "--points", "2", "--out", str(tmp_path / "out")]
+    assert landscape.main(arguments) == 0
+    assert replay.before(load(small).runs[0]) is None

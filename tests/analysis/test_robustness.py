@@ -10,7 +10,7 @@ from gymnasium.spaces import Box
 
 import zoac
 import zoac.adapters
-from tests.analysis.folders import write_run
+from tests.analysis.folders import PID, write_run
 from zoac.analysis import replay, robustness
 from zoac.analysis.load import read
 from zoac.errors import ConfigError
@@ -98,10 +98,15 @@ def test_the_options_of_a_built_in_task_can_vary(tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("preceding_sd", "did you mean 'preceding_std'"), ("jerk", "no number 'jerk'")],
+    [
+        ("preceding_sd", "did you mean 'preceding_std'"),
+        ("jerk", "no number 'jerk'"),
+        ("tuned_for.zoac.sigma", "no number 'tuned_for.zoac.sigma'"),
+    ],
 )
 def test_what_cannot_vary_is_named(tmp_path, name, message):
-    run = read(write_run(tmp_path))
+    suited = {"task": {**PID, "tuned_for": {"zoac": {"sigma": 0.08}}}}
+    run = read(write_run(tmp_path, config=suited))
     with pytest.raises(ConfigError, match=message):
         robustness.on_plant(run, replay.rebuild(run), {name: 1.0})
 

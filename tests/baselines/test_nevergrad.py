@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from dataclasses import replace
 
 import nevergrad as ng
 import numpy as np
@@ -9,6 +10,7 @@ from tests.baselines.support import STEPS, drive, lanes, problem
 from zoac.baselines.cmaes import CmaEs
 from zoac.baselines.nevergrad import Nevergrad
 from zoac.errors import ConfigError
+from zoac.parameters import Parameter, ParameterSpace
 
 # Differential evolution, chained choices, a swarm, a thread of its own (Powell), one that draws
 # from numpy's global random state (DSproba), a one-shot design.
@@ -107,3 +109,9 @@ def test_mean_recommends_the_mean_of_the_search_distribution():
     own = CmaEs(problem(), population=400, spread=0.3, start="middle")
     drive(own, lanes(), STEPS)
     assert not np.array_equal(own.recommend(), mean)
+
+
+def test_a_single_parameter_is_no_problem_for_cma_es():
+    one = replace(problem(), space=ParameterSpace([Parameter("a", 0.0, 1.0)]))
+    with pytest.raises(ConfigError, match="needs two parameters or more"):
+        CmaEs(one)

@@ -165,3 +165,31 @@ def test_help_lists_every_choice_and_key(tmp_path):
             assert path.stem in done.stdout
     for key in ("seed", "budget", "lanes", "eval_every", "runs_dir", "variant", "resume"):
         assert f"\n{key}: " in done.stdout
+
+
+def test_an_experiment_without_its_sweep_is_refused(tmp_path):
+    done = zoac("experiment=table2", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr == "error: experiment=table2 is a sweep over method, seed: add -m\n"
+    assert not (tmp_path / "runs").exists()
+
+
+def test_the_helps_own_examples_are_understood(tmp_path):
+    text = zoac("--help", cwd=tmp_path).stdout
+    assert "--cfg job" in text
+    done = zoac("task=mpc_tracking", "tuner=bo", "--cfg", "job", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "max_observations: 300" in done.stdout
+
+
+def test_options_of_the_search_are_told_where_they_belong(tmp_path):
+    assert "search:" not in zoac("--help", cwd=tmp_path).stdout
+    for override in ("search=zoac", "search.trials=3"):
+        done = zoac(override, cwd=tmp_path)
+        assert done.returncode == 1
+        assert f"{override}: this belongs to python -m zoac.search" in done.stderr
+
+
+def test_a_choice_without_keys_names_the_other_choices(tmp_path):
+    done = zoac("executor.worker=2", cwd=tmp_path)
+    assert "the default executor has no keys; choices: process, ray, serial" in done.stderr

@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 
@@ -87,3 +89,30 @@ def test_task_options_get_the_nearest():
     with pytest.raises(ConfigError, match="did you mean 'jerk'"):
         zoac.make_task("pid_acc", jrek="rate")
     assert zoac.make_task("pid_acc", jerk="increment").space.names == ("k", "Kp", "Ki", "Kd")
+
+
+@pytest.mark.parametrize("option", [{"max_episode_steps": 100}, {"metrics": {"m": np.ravel}}])
+def test_what_a_given_task_would_not_heed_is_refused(option):
+    with pytest.raises(ConfigError, match=f"not .*{next(iter(option))}"):
+        zoac.tune(task="pid_acc", budget=400, quiet=True, **option)
+
+
+def test_a_task_by_name_and_as_an_object_is_tuned_alike():
+    options = {"budget": 400, "lanes": 2, "episodes": 1, "final_episodes": 2, "quiet": True}
+    by_name = zoac.tune(task="pid_acc", **options)
+    assert zoac.tune(task=zoac.make_task("pid_acc"), **options).parameters == by_name.parameters
+
+
+def test_whole_numbers_may_be_written_as_floats_and_nothing_else_may():
+    assert tune(budget=1e2).parameters == tune(budget=100).parameters
+    for option in ({"budget": 10.5}, {"seed": "a"}, {"lanes": True}):
+        with pytest.raises(ConfigError, match="expected a whole number"):
+            tune(**option)
+
+
+def test_the_console_tells_the_gates_verdict_and_broken_constraints(capsys):
+    tune(quiet=False, gate=0.5, space={"k": {"low": 0, "high": 2, "start": 1.5}},
+         constraints={"never": lambda s: np.ones(s.length)})  # fmt: skip
+    out = capsys.readouterr().out
+    assert re.search(r"gate: .* the start values, \d+ pairs of episodes", out)
+    assert re.search(r"constraint never: broken in (\d+) of \1 episodes", out)
