@@ -111,8 +111,9 @@ def test_whole_numbers_may_be_written_as_floats_and_nothing_else_may():
 
 
 def test_the_console_tells_the_gates_verdict_and_broken_constraints(capsys):
-    tune(quiet=False, gate=0.5, space={"k": {"low": 0, "high": 2, "start": 1.5}},
-         constraints={"never": lambda s: np.ones(s.length)})  # fmt: skip
+    result = tune(quiet=False, gate=0.5, space={"k": {"low": 0, "high": 2, "start": 1.5}},
+                  constraints={"never": lambda s: np.ones(s.length)})  # fmt: skip
     out = capsys.readouterr().out
-    assert re.search(r"gate: .* the start values, \d+ pairs of episodes", out)
+    verdict = "the answer beats" if result.record["gate"]["accepted"] else "no better was found"
+    assert re.search(rf"gate: {verdict}.* the start values, \d+ pairs of episodes", out)
     assert re.search(r"constraint never: broken in (\d+) of \1 episodes", out)
