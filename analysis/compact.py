@@ -106,7 +106,7 @@ def methods_json(runs: Iterable[Run]) -> str:
         record["config"] = {k: v for k, v in record["config"].items() if k != "seed"}
         record["config_hash"] = {str(run.seed): run.identity["config_hash"] for run in group}
         records.append(record)
-    return json.dumps(records, indent=1) + "\n"
+    return "[\n" + ",\n".join(map(json.dumps, records)) + "\n]\n"  # a line per method
 
 
 def exact(value: Any) -> str:

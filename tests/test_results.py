@@ -39,6 +39,12 @@ def test_the_table_of_ratios_rebuilds(tmp_path, seeds, reference):
     same_bytes(tmp_path, RESULTS / "tables" / f"beyond-{seeds}-{reference}")
 
 
+@pytest.mark.parametrize("name", ["ablation", "careful"])
+def test_the_tables_of_variants_rebuild(tmp_path, name):
+    assert beyond.main([str(RESULTS / name), "--out", str(tmp_path)]) == 0
+    same_bytes(tmp_path, RESULTS / "tables" / name)
+
+
 @pytest.mark.parametrize("task", ["mpc_tracking", "pid_acc"])
 def test_learning_curves_rebuild(tmp_path, task):
     kept = FIGURES / task
