@@ -8,9 +8,11 @@ from typing import Any
 
 from zoac.checks import TARGET, check_arguments, check_node, locate
 from zoac.environment import can_be_put_back
+from zoac.errors import ConfigError
 from zoac.executor import Executor
 from zoac.gate import Gate, search_budget, trusted
 from zoac.runlog import Sink
+from zoac.scout import CommonEpisodes, Scout
 from zoac.task import Task
 from zoac.trainer import Settings
 from zoac.tuner import Problem, Tuner
@@ -53,7 +55,11 @@ def build_settings(config: Mapping[str, Any]) -> Settings:
     """Return the trainer's settings of a resolved configuration."""
     evaluation = config["evaluation"]
     top = {k: config[k] for k in ("seed", "budget", "lanes", "eval_every", "checkpoint_seconds")}
-    top |= {k: config[k] for k in ("trust", "gate", "failure_penalty") if config.get(k) is not None}
+    top |= {
+        k: config[k]
+        for k in ("trust", "gate", "failure_penalty", "scout", "common_episodes")
+        if config.get(k) is not None
+    }
     check_arguments(Settings, top, "")
     inner = {
         "episodes": evaluation["episodes"],
@@ -83,9 +89,22 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
     if settings.trust is not None:
         node = trusted(node, settings.trust)
     if settings.gate is None:
-        return build(node, "tuner", problem=whole)
+        return _on_terms(node, whole, settings)
     left = replace(whole, budget=search_budget(whole.budget, settings.gate))
-    return Gate(build(node, "tuner", problem=left), whole, settings.gate)
+    return Gate(_on_terms(node, left, settings), whole, settings.gate)
+
+
+def _on_terms(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
+    """Return the tuner, with a scouted start and common episodes if they are asked for."""
+    if settings.scout is None:
+        tuner: Tuner = build(node, "tuner", problem=problem)
+    else:
+        if "start" not in node or settings.trust is not None:
+            why = "trust gives one" if settings.trust is not None else "this tuner takes none"
+            raise ConfigError(f"scout={settings.scout}: it looks for a start, and {why}")
+        node = {**node, "start": "nominal"}
+        tuner = Scout(problem, settings.scout, lambda p: build(node, "tuner", problem=p))
+    return CommonEpisodes(tuner, settings.seed) if settings.common_episodes else tuner
 
 
 def build_executor(config: Mapping[str, Any]) -> Executor:

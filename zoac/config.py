@@ -83,6 +83,8 @@ class RunSchema:
     trust: float | None = None
     gate: float | None = None
     failure_penalty: float | None = None
+    scout: int | None = None
+    common_episodes: bool | None = None
     resume: Resume = Resume.auto
     search: Any = None  # of `zoac.search`; no part of a run
 

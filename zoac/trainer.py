@@ -42,6 +42,8 @@ class Settings:
         checkpoint_seconds: Wall seconds between checkpoints.
         trust: How far the start values are trusted, from 0 to 1; see `zoac.gate.trusted`.
         gate: Share of the budget for proof that the answer beats the start; see `zoac.gate.Gate`.
+        scout: Random points of which the best is the tuner's start; see `zoac.scout.Scout`.
+        common_episodes: Points of a batch meet the same episode; see `zoac.scout.CommonEpisodes`.
         compare_start: Whether the result says what the start values cost on its episodes.
         failure_penalty: The task's, see `zoac.task.Task`; here to be checked with the rest.
     """
@@ -57,6 +59,8 @@ class Settings:
     trust: Annotated[float, Field(ge=0, le=1)] | None = None
     gate: Annotated[float, Field(gt=0, lt=1)] | None = None
     failure_penalty: float | None = None
+    scout: Count | None = None
+    common_episodes: bool | None = None
     compare_start: bool = False
 
 

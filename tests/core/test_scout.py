@@ -1,0 +1,100 @@
+"""Terms on which any tuner can be run."""
+
+import numpy as np
+import pytest
+
+from tests.support import CountingTask, lane_group
+from zoac import build
+from zoac.config import compose_config, resolved
+from zoac.errors import ConfigError
+from zoac.scout import CommonEpisodes, Scout
+from zoac.trainer import Settings
+from zoac.tuner import Problem
+
+OPTIONS = {"_target_": "zoac.baselines.es.EvolutionStrategy", "population": 4, "sigma": 0.1,
+           "step_size": 0.05, "standardise_costs": True, "start": "random",
+           "recommendation": "mean", "reevaluate_top": 1, "reevaluate_share": 0.1}  # fmt: skip
+
+
+def make(**settings):
+    settings = Settings(budget=500, lanes=4, **settings)
+    return build.build_tuner(OPTIONS, CountingTask(), settings)
+
+
+def drive(tuner, group, rounds):
+    for _ in range(rounds):
+        tuner.tell(group.rollout(tuner.ask()))
+    return tuner
+
+
+def test_the_best_of_the_random_points_is_where_the_tuner_starts():
+    tuner, group = make(scout=6), lane_group(CountingTask(), [0, 1, 2, 3])
+    first = group.rollout(tuner.ask())
+    assert np.array_equal(tuner.recommend(), np.zeros(2))
+    tuner.tell(first)
+    second = group.rollout(tuner.ask())
+    tuner.tell(second)
+    assert (len(first), len(second)) == (4, 2)
+    points = [*first, *second]
+    assert len({segment.observations[0, 2] for segment in points}) == 1  # one and the same episode
+    best = min(points, key=lambda s: s.costs.sum()).proposal.z
+    np.testing.assert_array_equal(tuner.recommend(), best)
+    assert tuner.describe()["start"] == "best of 6 random points"
+
+
+def test_what_scouting_cost_is_taken_from_the_tuners_budget():
+    given = []
+    problem = Problem(CountingTask.space, 3, 4, 500, 7, 0)
+
+    def begin(left):
+        given.append(left)
+        return build.build_tuner(OPTIONS, CountingTask(), Settings(budget=1, lanes=4))
+
+    drive(Scout(problem, 6, begin), lane_group(CountingTask(), [0, 1, 2, 3]), 2)
+    assert given[-1].budget == 500 - 6 * 7
+
+
+@pytest.mark.parametrize("rounds", [1, 2, 4])
+def test_a_restored_one_goes_on_to_the_same_bits(rounds):
+    task, options = CountingTask(), {"scout": 6, "common_episodes": True}
+    tuner = drive(make(**options), lane_group(task, [0, 1, 2, 3]), rounds)
+    twin = make(**options)
+    twin.restore(tuner.state())
+    groups = [lane_group(task, [0, 1, 2, 3], seed=9) for _ in range(2)]
+    for one, group in zip((tuner, twin), groups, strict=True):
+        drive(one, group, 3)
+    np.testing.assert_array_equal(tuner.recommend(), twin.recommend())
+    np.testing.assert_equal(tuner.state(), twin.state())
+
+
+def test_common_episodes_are_common_to_a_batch_and_to_no_other():
+    tuner, group = make(common_episodes=True), lane_group(CountingTask(), [0, 1, 2, 3])
+    numbers = []
+    for _ in range(3):
+        segments = group.rollout(tuner.ask())
+        tuner.tell(segments)
+        numbers.append({segment.observations[0, 2] for segment in segments})
+    assert [len(batch) for batch in numbers] == [1, 1, 1]
+    assert len(set.union(*numbers)) == 3
+
+
+def test_segments_and_seeded_episodes_are_left_alone():
+    config = resolved(compose_config(["tuner=zoac"]))
+    inner = build.build_tuner(config["tuner"], CountingTask(), Settings(lanes=4))
+    assert all(p.seed is None for p in CommonEpisodes(inner, 0).ask())
+
+
+@pytest.mark.parametrize("tuner", ["zoac", "zoac_plus", "bo", "cmaes", "cmaes_full", "nevergrad"])
+def test_every_tuner_with_a_start_can_be_scouted_for(tuner):
+    config = resolved(compose_config([f"tuner={tuner}", "scout=4", "common_episodes=true"]))
+    settings = build.build_settings(config)
+    made = build.build_tuner(config["tuner"], CountingTask(), settings)
+    drive(made, lane_group(CountingTask(), list(range(10))), 3)
+    assert made.describe()["start"] == "best of 4 random points"
+
+
+def test_a_tuner_without_a_start_and_a_start_from_trust_are_refused():
+    for overrides in (["tuner=random"], ["tuner=zoac", "trust=0.5"]):
+        config = resolved(compose_config([*overrides, "scout=4"]))
+        with pytest.raises(ConfigError, match="scout=4: it looks for a start"):
+            build.build_tuner(config["tuner"], CountingTask(), build.build_settings(config))

@@ -1,0 +1,148 @@
+"""Terms on which any tuner can be run: a scouted start, and common episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from zoac.seeding import stream_seed
+from zoac.segments import Proposal, Segment
+from zoac.tuner import Problem, Tuner
+
+
+class Scout(Tuner):
+    """A tuner that begins at the best of some random points, one episode each.
+
+    The points are uniform in the mapped box, their episodes begin alike, and their steps count.
+    """
+
+    def __init__(self, problem: Problem, count: int, begin: Callable[[Problem], Tuner]) -> None:
+        """
+        Args:
+            problem: What is tuned.
+            count: Number of points.
+            begin: Makes the tuner for a problem whose nominal parameters are where to start and
+                whose budget is what is left.
+        """
+        self._problem, self._begin = problem, begin
+        self._points = problem.rng("scout").uniform(-1.0, 1.0, (count, problem.space.dimension))
+        self._costs = np.empty(0)
+        self._spent = 0
+        self._tuner: Tuner | None = None
+
+    def ask(self) -> list[Proposal]:
+        """Return the next points' episodes; then what the tuner asks."""
+        if self._tuner is not None:
+            return self._tuner.ask()
+        seed = stream_seed(self._problem.seed, "scout")
+        done = len(self._costs)
+        points = self._points[done : done + self._problem.lanes]
+        return [Proposal(z, lane, seed=seed) for lane, z in enumerate(points)]
+
+    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """Take the points' costs; then hand on what the tuner asked for."""
+        if self._tuner is not None:
+            return self._tuner.tell(segments)
+        costs = np.array([segment.costs.sum() for segment in segments])
+        self._costs = np.append(self._costs, np.where(np.isfinite(costs), costs, np.inf))
+        self._spent += sum(segment.length for segment in segments)
+        if len(self._costs) == len(self._points):
+            self._tuner = self._make()
+        return {"scouted_best": float(self._costs.min())}
+
+    def _make(self) -> Tuner:
+        left = max(0, self._problem.budget - self._spent)
+        return self._begin(replace(self._problem, nominal=self._best(), budget=left))
+
+    def _best(self) -> np.ndarray:
+        if not len(self._costs):
+            return np.zeros(self._problem.space.dimension)
+        return self._points[int(np.argmin(self._costs))].copy()
+
+    def meanwhile(self) -> None:
+        """See `Tuner.meanwhile`."""
+        if self._tuner is not None:
+            self._tuner.meanwhile()
+
+    def recommend(self) -> np.ndarray:
+        """Return the best point so far, then the tuner's recommendation."""
+        return self._best() if self._tuner is None else self._tuner.recommend()
+
+    def state(self) -> Any:
+        """Return everything, the tuner's state included."""
+        inner = None if self._tuner is None else self._tuner.state()
+        return {"costs": self._costs.copy(), "spent": self._spent, "tuner": inner}
+
+    def restore(self, state: Any) -> None:
+        """Put back what `state` returned."""
+        self._costs, self._spent = state["costs"].copy(), state["spent"]
+        self._tuner = None
+        if state["tuner"] is not None:
+            self._tuner = self._make()
+            self._tuner.restore(state["tuner"])
+
+    def outcome(self) -> dict[str, Any]:
+        """See `Tuner.outcome`."""
+        return {} if self._tuner is None else self._tuner.outcome()
+
+    def describe(self) -> dict[str, Any]:
+        """Return the tuner's choices, its start replaced."""
+        tuner = self._tuner or self._make()
+        return {**tuner.describe(), "start": f"best of {len(self._points)} random points"}
+
+
+class CommonEpisodes(Tuner):
+    """A tuner of whole episodes whose points of one batch all meet the same episode.
+
+    Differences within a batch are then the points' own. Every batch has another episode.
+    """
+
+    def __init__(self, tuner: Tuner, seed: int) -> None:
+        """
+        Args:
+            tuner: Who tunes. What it asks for otherwise (segments, episodes of its own choice) is
+                left as it is.
+            seed: The run's seed.
+        """
+        self._tuner, self._seed, self._batch = tuner, seed, 0
+
+    def ask(self) -> list[Proposal]:
+        """Return what the tuner asks, whole episodes from a common seed."""
+        seed = stream_seed(self._seed, "common", self._batch)
+        self._batch += 1
+        return [
+            replace(p, seed=seed) if p.horizon is None and p.seed is None else p
+            for p in self._tuner.ask()
+        ]
+
+    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """See `Tuner.tell`."""
+        return self._tuner.tell(segments)
+
+    def meanwhile(self) -> None:
+        """See `Tuner.meanwhile`."""
+        self._tuner.meanwhile()
+
+    def recommend(self) -> np.ndarray:
+        """See `Tuner.recommend`."""
+        return self._tuner.recommend()
+
+    def state(self) -> Any:
+        """See `Tuner.state`."""
+        return {"batch": self._batch, "tuner": self._tuner.state()}
+
+    def restore(self, state: Any) -> None:
+        """See `Tuner.restore`."""
+        self._batch = state["batch"]
+        self._tuner.restore(state["tuner"])
+
+    def outcome(self) -> dict[str, Any]:
+        """See `Tuner.outcome`."""
+        return self._tuner.outcome()
+
+    def describe(self) -> dict[str, Any]:
+        """See `Tuner.describe`."""
+        return {**self._tuner.describe(), "episodes": "common to a batch"}
