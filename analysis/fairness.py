@@ -12,6 +12,9 @@ from zoac.records import differing_keys
 WITHOUT_TUNING = ("budget", "lanes", "eval_every")
 """Keys that say nothing about a controller that was not tuned."""
 
+OF_TUNER = ("tuner", "trust", "gate", "scout", "common_episodes")
+"""Keys in which methods may differ: who tunes, and on which terms."""
+
 
 def refuse_mixed(runs: Sequence[Run]) -> None:
     """Check that runs about to be averaged differ in no setting that moves a number but the seed.
@@ -38,7 +41,7 @@ def refuse_unequal(runs: Sequence[Run]) -> None:
     """
     several = len({run.method.task for run in runs}) > 1
     named = [
-        (str(run.method), _without(run.config, "seed", "tuner", *(["task"] if several else [])))
+        (str(run.method), _without(run.config, "seed", *OF_TUNER, *(["task"] if several else [])))
         for run in runs
     ]
     mixed = _differences([(name, _without(config, *WITHOUT_TUNING)) for name, config in named])

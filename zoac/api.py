@@ -194,6 +194,8 @@ def tune(
     vary: Mapping[str, Bounds] | None = None,
     trust: float | None = None,
     gate: float | None = None,
+    scout: int | None = None,
+    common_episodes: bool = False,
     failure_penalty: float | None = None,
     tuner_options: Mapping[str, Any] | None = None,
     executor: str = "serial",
@@ -232,6 +234,8 @@ def tune(
             are nearly right): sets how far the tuner searches around them.
         gate: Share of the budget, such as 0.2, for held-out episodes on which the answer must beat
             the start values; else they stay. `result.record["gate"]` tells.
+        scout: Random points, an episode each, of which the best is where the tuner starts.
+        common_episodes: Whole episodes that the tuner asks for together begin alike.
         failure_penalty: Cost of a step at which the controller raises or acts with what is not a
             finite action, which ends the episode; None: that ends the run with a message.
         tuner_options: By name, such as {"sigma": 0.05}.
@@ -270,6 +274,8 @@ def tune(
     config.seed, config.lanes = _whole("seed", seed), _whole("lanes", lanes)
     config.budget = _whole("budget", budget)
     config.trust, config.gate, config.failure_penalty = trust, gate, failure_penalty
+    config.scout = None if scout is None else _whole("scout", scout)
+    config.common_episodes = common_episodes or None
     if failure_penalty is not None:
         the_task.failure_penalty = failure_penalty
     config.eval_every = _whole("eval_every", eval_every or max(1, config.budget // 10))

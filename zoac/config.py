@@ -186,6 +186,8 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
         kind = {"Integer": "a whole number (Integer)", "Float": "a number"}.get(found[2], found[2])
         written = re.search(r"Error merging override (.*)", text)
         return f"{written[1] if written else found[1]}: expected {kind}, got {found[1]}"
+    if found := re.search(r"override (.*)\nValue '(.*)' is not a valid bool", text):
+        return f"{found[1]}: expected true or false, got {found[2]!r}"
     if found := re.search(r"override ~(.*)\n.*does not support deletion", text):
         return f"~{found[1]}: this key is needed; give it a value instead: {found[1]}=<value>"
     if found := re.search(r"Missing mandatory value: (\w+)", text):

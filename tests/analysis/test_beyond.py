@@ -41,6 +41,11 @@ def test_the_budget_is_a_column_and_other_options_a_row(runs):
     assert set(rows(runs)) == {"", "tuner.sigma=0.2"}
 
 
+def test_tuners_on_other_terms_are_rows_of_their_own(runs):
+    write_run(runs, seed=0, costs=(1.5, 1.5), variant="scout=40", config={"scout": 40})
+    assert rows(runs)["scout=40"] == {1000: {0: 0.5}}
+
+
 def test_seeds_can_be_kept_apart(runs):
     assert rows(runs, seeds=(100, 109))[""] == {1000: {100: 4.0}, 5000: {100: 2.0}}
 

@@ -6,6 +6,7 @@ import pytest
 import zoac
 from tests.core.test_adapters import Drift, Integrator
 from zoac.errors import ConfigError
+from zoac.records import read_run
 
 SMALL = {"lanes": 2, "episodes": 2, "final_episodes": 4, "quiet": True, "max_episode_steps": 20}
 
@@ -117,3 +118,13 @@ def test_the_console_tells_the_gates_verdict_and_broken_constraints(capsys):
     verdict = "the answer beats" if result.record["gate"]["accepted"] else "no better was found"
     assert re.search(rf"gate: {verdict}.* the start values, \d+ pairs of episodes", out)
     assert re.search(r"constraint never: broken in (\d+) of \1 episodes", out)
+
+
+def test_a_scouted_start_on_common_episodes_is_told_and_changes_what_is_tuned():
+    plain, scouted = (
+        tune(tuner="es", **terms) for terms in ({}, {"scout": 5, "common_episodes": True})
+    )
+    choices = read_run(scouted.folder)["tuner_choices"]
+    assert choices["start"] == "best of 5 random points"
+    assert choices["episodes"] == "common to a batch"
+    assert plain.parameters != scouted.parameters
