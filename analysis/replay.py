@@ -31,7 +31,7 @@ def rebuild(run: Run) -> Task:
     Raises:
         RunFolderError: If it cannot be built here.
     """
-    from zoac.api import task_from_config, task_of_run
+    from zoac.results import task_from_config, task_of_run
 
     if "_target_" not in run.config["task"]:  # of `zoac.tune`, with a user's own objects
         return task_of_run(run.folder)

@@ -171,7 +171,7 @@ def on_plant(run: Run, task: Task, values: Mapping[str, float]) -> Task:
         if not hasattr(task, "with_plant"):
             raise ConfigError("--vary: this run's task has no numbers that can be set")
         return task.with_plant({n.removeprefix("plant."): v for n, v in values.items()})
-    from zoac.api import task_from_config
+    from zoac.results import task_from_config
 
     changed = deepcopy(dict(node))
     known = _numbers(node)

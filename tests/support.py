@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import time
 from typing import Any
 
 import numpy as np
@@ -101,3 +104,30 @@ class RaisingTask(CountingTask):
 
     def make_controller(self):
         return _Raising()
+
+
+class _Slow(EchoController):
+    def act(self, params: Any, obs: np.ndarray, memory: Any) -> Any:
+        time.sleep(SlowTask.seconds)
+        return super().act(params, obs, memory)
+
+
+class SlowTask(CountingTask):
+    """Every call of the controller takes `seconds`."""
+
+    seconds = 0.05
+
+    def make_controller(self) -> EchoController:
+        return _Slow()
+
+
+class _Suicidal(EchoController):
+    def act(self, params: Any, obs: np.ndarray, memory: Any) -> Any:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+class SuicidalTask(CountingTask):
+    """The controller kills the process that it runs in."""
+
+    def make_controller(self) -> EchoController:
+        return _Suicidal()

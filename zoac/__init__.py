@@ -10,6 +10,7 @@ Importing `zoac` makes Gymnasium know `zoac/PidAcc-v0` and `zoac/MpcTracking-v0`
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,18 +25,17 @@ from zoac.tasks import register  # noqa: E402 (found through the line above)
 register()
 
 if TYPE_CHECKING:
-    from zoac.api import Result as Result
-    from zoac.api import load_result as load_result
     from zoac.api import make_task as make_task
     from zoac.api import tune as tune
+    from zoac.results import Result as Result
+    from zoac.results import load_result as load_result
 
 __all__ = ["Result", "load_result", "make_task", "tune"]
+_HOMES = {"Result": "results", "load_result": "results", "make_task": "api", "tune": "api"}
 
 
 def __getattr__(name: str) -> Any:
     # Imported on first use: the command line must answer --help without loading everything.
     if name in __all__:
-        from zoac import api
-
-        return getattr(api, name)
+        return getattr(import_module(f"zoac.{_HOMES[name]}"), name)
     raise AttributeError(f"module 'zoac' has no attribute {name!r}")

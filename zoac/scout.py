@@ -51,7 +51,8 @@ class Scout(Tuner):
         self._spent += sum(segment.length for segment in segments)
         if len(self._costs) == len(self._points):
             self._tuner = self._make()
-        return {"scouted_best": float(self._costs.min())}
+        best = float(self._costs.min())
+        return {"scouted_best": best} if np.isfinite(best) else {}
 
     def _make(self) -> Tuner:
         left = max(0, self._problem.budget - self._spent)

@@ -105,7 +105,9 @@ def test_a_task_by_name_and_as_an_object_is_tuned_alike():
 
 
 def test_whole_numbers_may_be_written_as_floats_and_nothing_else_may():
-    assert tune(budget=1e2).parameters == tune(budget=100).parameters
+    written = tune(budget=1e2, seed=3.0)
+    assert written.parameters == tune(budget=100, seed=3).parameters
+    assert isinstance(read_run(written.folder)["seed"], int)
     for option in ({"budget": 10.5}, {"seed": "a"}, {"lanes": True}):
         with pytest.raises(ConfigError, match="expected a whole number"):
             tune(**option)

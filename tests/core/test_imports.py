@@ -8,8 +8,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 CORE = {
     "errors", "seeding", "parameters", "environment", "recording", "segments", "rollout", "task",
-    "tuner", "constraints", "gate", "executor", "worker", "process", "evaluation", "checkpoint",
-    "records", "runlog", "trainer",
+    "tuner", "constraints", "gate", "scout", "executor", "worker", "process", "evaluation",
+    "checkpoint", "records", "runlog", "trainer",
 }  # fmt: skip
 
 

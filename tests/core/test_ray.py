@@ -1,19 +1,10 @@
 """Lanes in Ray actors."""
 
-import os
 import threading
-import time
 
 import pytest
 
-from tests.support import (
-    CountingTask,
-    EchoController,
-    RaisingTask,
-    lane_group,
-    proposal,
-    same_segment,
-)
+from tests import support
 from zoac.errors import ConfigError, ControllerError
 from zoac.process import WorkerError
 
@@ -38,21 +29,10 @@ def actors():
     executor.close()
 
 
-class _Slow(EchoController):
-    def act(self, params, obs, memory):
-        time.sleep(0.05)
-        return super().act(params, obs, memory)
-
-
-class SlowTask(CountingTask):
-    def make_controller(self):
-        return _Slow()
-
-
 def test_an_actor_killed_at_its_work_is_restarted_and_its_work_redone(actors):
-    actors.start(SlowTask(), 3, seed=0)
-    serial = lane_group(CountingTask(), [0, 1, 2])
-    plan = [proposal(lane, horizon=4) for lane in (0, 1, 2)] * 3
+    actors.start(support.SlowTask(), 3, seed=0)
+    serial = support.lane_group(support.CountingTask(), [0, 1, 2])
+    plan = [support.proposal(lane, horizon=4) for lane in (0, 1, 2)] * 3
     for victim in (0, None, 0, 1):  # the first dies before its first reply
         if victim is not None:
             doomed = actors._workers[victim]._actor
@@ -60,7 +40,7 @@ def test_an_actor_killed_at_its_work_is_restarted_and_its_work_redone(actors):
             timer.start()
         found = actors.rollout(plan)
         for one, two in zip(found, serial.rollout(plan), strict=True):
-            assert same_segment(one, two)
+            assert support.same_segment(one, two)
         if victim is not None:
             timer.join()
     # The processes that replied: each actor has one more behind it than in front.
@@ -68,40 +48,30 @@ def test_an_actor_killed_at_its_work_is_restarted_and_its_work_redone(actors):
 
 
 def test_a_restored_state_survives_the_actor(actors):
-    actors.start(CountingTask(), 3, seed=0)
-    serial = lane_group(CountingTask(), [0, 1, 2])
-    plan = [proposal(lane, horizon=4) for lane in (0, 1, 2)]
+    actors.start(support.CountingTask(), 3, seed=0)
+    serial = support.lane_group(support.CountingTask(), [0, 1, 2])
+    plan = [support.proposal(lane, horizon=4) for lane in (0, 1, 2)]
     serial.rollout(plan)
     actors.restore(serial.state())
     for worker in actors._workers:
         ray.kill(worker._actor, no_restart=False)
     for one, two in zip(actors.rollout(plan), serial.rollout(plan), strict=True):
-        assert same_segment(one, two)
-
-
-class _Suicidal(EchoController):
-    def act(self, params, obs, memory):
-        os._exit(1)
-
-
-class SuicidalTask(CountingTask):
-    def make_controller(self):
-        return _Suicidal()
+        assert support.same_segment(one, two)
 
 
 def test_work_that_kills_every_actor_ends_with_a_message(actors):
-    actors.start(SuicidalTask(), 2, seed=0)
+    actors.start(support.SuicidalTask(), 2, seed=0)
     with pytest.raises(WorkerError, match="lanes 0 to 0 died 3 times on the same work"):
-        actors.rollout([proposal(0)])
+        actors.rollout([support.proposal(0)])
 
 
 def test_an_error_in_an_actor_arrives_with_its_place(actors):
-    actors.start(RaisingTask(), 2, seed=0)
+    actors.start(support.RaisingTask(), 2, seed=0)
     with pytest.raises(ControllerError, match="ZeroDivisionError: in the controller"):
-        actors.rollout([proposal(0)])
+        actors.rollout([support.proposal(0)])
 
 
 def test_more_actors_than_cores_are_refused(actors):
     greedy = Ray(workers=3)
     with pytest.raises(ConfigError, match="need 3 cores; the Ray cluster has 2"):
-        greedy.start(CountingTask(), 3, seed=0)
+        greedy.start(support.CountingTask(), 3, seed=0)

@@ -98,3 +98,10 @@ def test_a_tuner_without_a_start_and_a_start_from_trust_are_refused():
         config = resolved(compose_config([*overrides, "scout=4"]))
         with pytest.raises(ConfigError, match="scout=4: it looks for a start"):
             build.build_tuner(config["tuner"], CountingTask(), build.build_settings(config))
+
+
+def test_points_that_all_fail_log_nothing_that_is_not_finite():
+    tuner, group = make(scout=4), lane_group(CountingTask(), [0, 1, 2, 3])
+    segments = group.rollout(tuner.ask())
+    assert tuner.tell([s.with_costs(np.full(s.length, np.nan)) for s in segments]) == {}
+    assert tuner.ask()
