@@ -49,9 +49,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", default=list(STEPS), help=", ".join(STEPS))
     parser.add_argument("--steps", type=int, help="instead of each one's own number")
+    parser.add_argument(
+        "--linearisations", type=int, default=3, help="a step of the MPC; fewer for slow solvers"
+    )
     options = parser.parse_args()
     for name in options.names:
-        task = make_task(name) if name == "pid_acc" else make_task("mpc_tracking", mpc_solver=name)
+        mpc = {"linearisations": options.linearisations}
+        task = make_task(name) if name == "pid_acc" else make_task("mpc_tracking", mpc_solver=name, mpc=mpc)
         group = LaneGroup(task, range(LANES), range(LANES))
         done = bad = failed = terminated = 0
         memory: list[tuple[int, int]] = []
