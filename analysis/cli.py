@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from zoac.analysis.load import Collection, load
 from zoac.errors import ConfigError, ZoacError, suggest
+from zoac.output import reader_may_leave
 
 FORMATS = ("svg", "pdf", "png")
 
@@ -59,13 +59,10 @@ def guarded(
     """Parse `argv` and call `body`; print a user's error as one message and return 1."""
     options = arguments.parse_args(argv)
     try:
-        body(options)
+        with reader_may_leave():
+            body(options)
     except ZoacError as error:
         print(f"error: {error}", file=sys.stderr)
-        return 1
-    except BrokenPipeError:
-        # Whoever read the output has had enough (`| head`); what is left of it goes nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     return 0
 

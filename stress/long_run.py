@@ -55,7 +55,11 @@ def main() -> None:
     options = parser.parse_args()
     for name in options.names:
         mpc = {"linearisations": options.linearisations}
-        task = make_task(name) if name == "pid_acc" else make_task("mpc_tracking", mpc_solver=name, mpc=mpc)
+        task = (
+            make_task(name)
+            if name == "pid_acc"
+            else make_task("mpc_tracking", mpc_solver=name, mpc=mpc)
+        )
         group = LaneGroup(task, range(LANES), range(LANES))
         done = bad = failed = terminated = 0
         memory: list[tuple[int, int]] = []

@@ -16,6 +16,7 @@ import numpy as np
 
 from zoac.environment import LaneEnv
 from zoac.errors import ZoacError
+from zoac.output import reader_may_leave
 from zoac.rollout import LaneGroup
 from zoac.segments import Proposal, Segment
 from zoac.task import Memory, Task
@@ -297,6 +298,7 @@ def _for_people(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
+@reader_may_leave()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Check the task that the overrides name; return the exit code."""
     from zoac.build import build_task

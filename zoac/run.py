@@ -22,6 +22,7 @@ from omegaconf.errors import OmegaConfBaseException
 from zoac import sweep
 from zoac.config import check_overrides, explain, know_own_conf, resolved, variant_of
 from zoac.errors import ConfigError, ZoacError
+from zoac.output import reader_may_leave
 from zoac.usage import usage
 
 WITH_VALUE = (
@@ -107,6 +108,7 @@ def overrides_of(arguments: Sequence[str]) -> list[str]:
     ]
 
 
+@reader_may_leave()
 def main() -> None:
     """Run the command line; exits with 1 and one message on a user's error."""
     arguments = multirun_first(sys.argv[1:])
@@ -136,6 +138,8 @@ def main() -> None:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
+    except BrokenPipeError:
+        raise
     except Exception as error:
         sweeping = _SWEEP in os.environ and sweep.has_begun(Path(os.environ[_SWEEP]))
         if not _composed and not sweeping:  # Hydra answers some odd overrides with a ValueError

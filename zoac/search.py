@@ -24,6 +24,7 @@ from zoac.checks import check_arguments
 from zoac.config import compose_config, resolved
 from zoac.errors import ConfigError, ZoacError, suggest
 from zoac.locks import HeldError, locked
+from zoac.output import reader_may_leave
 from zoac.records import config_hash, write_json
 from zoac.search_ranges import distributions, load_optuna, value_at
 from zoac.seeding import stream_seed
@@ -273,6 +274,7 @@ def _options_of_search(runs: Sequence[str], own: Sequence[str]) -> dict[str, Any
     return options
 
 
+@reader_may_leave()
 def main() -> None:
     """Run the command line; exits with 1 and one message on a user's error."""
     if sys.argv[1:] in (["--help"], ["-h"]):

@@ -1,10 +1,5 @@
 """Ratios at several budgets."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
 from tests.analysis.folders import write_run
@@ -86,14 +81,3 @@ def test_other_evaluation_episodes_are_refused(runs, capsys):
     write_run(runs, seed=7, costs=(1.0, 2.0, 3.0))
     assert beyond.main([str(runs)]) == 1
     assert "3 evaluation episodes where the reference has 2" in capsys.readouterr().err
-
-
-def test_a_reader_that_has_had_enough_gets_no_traceback(runs):
-    reading, writing = os.pipe()
-    os.close(reading)
-    done = subprocess.run(
-        [sys.executable, "-m", "zoac.analysis.beyond", str(runs), "--out", str(runs / "out")],
-        stdout=writing, stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2],
-    )  # fmt: skip
-    os.close(writing)
-    assert (done.returncode, done.stderr) == (1, "")

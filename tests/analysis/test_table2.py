@@ -137,6 +137,13 @@ def test_claims_follow_the_intervals(sweep: Path) -> None:
     assert luck.count("no claim") == 2
 
 
+def test_the_table_and_the_claims_tell_the_same_difference_to_nominal(sweep: Path) -> None:
+    comparison = compare(load(sweep), "pid_acc")
+    for summary in comparison.summaries:
+        against = [c for c in comparison.claims if (c.first, c.second) == (summary.label, "Nominal")]
+        assert [summary.minus_nominal] == ([c.difference for c in against] or [None])
+
+
 def test_four_seeds_carry_no_claim(sweep: Path) -> None:
     text = table(sweep, seeds=range(4))
     assert "ZOAC - BO = -3.12: no claim, fewer than 5 seeds" in text

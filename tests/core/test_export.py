@@ -102,6 +102,7 @@ def test_a_loaded_controller_that_remembers_acts_as_the_tuned_one(tmp_path):
     result = tuned(Integrator(), tmp_path / "run", space={"k": (0.0, 1.0), "unused": 2.0})
     loaded = zoac.load_result(tmp_path / "run")
     assert loaded.parameters == result.parameters
+    assert loaded.parameters["unused"] == 2.0
     controller = loaded.controller()
     segment = closed_loop(result)
     wanted = np.clip(segment.actions, -1, 1).astype(np.float32)
