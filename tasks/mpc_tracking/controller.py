@@ -110,8 +110,7 @@ class TrackingMpc:
                 f"(n, {expected}), got {obs.shape}"
             )
         values = np.empty((n, SPACE.dimension + 1))
-        for i, name in enumerate(SPACE.names):
-            values[:, i] = params[name]
+        values[:, :-1] = np.concatenate([params[name] for name in SPACE.names]).reshape(-1, n).T
         values[:, -1] = FIXED_STAGE_U
         theta = values[:, : len(_MODEL)].copy()
         state = obs[:, :6].copy()

@@ -146,42 +146,42 @@ class SequentialQp:
         zero input (clipped to the box), and stops there.
         """
         n = len(start)
-        inputs = guess.copy()
-        status = np.zeros(n, dtype=np.int8)
+        inputs = np.empty_like(guess)
+        status = np.empty(n, dtype=np.int8)
         retried = np.zeros(n, dtype=bool)
-        count = np.zeros(n, dtype=np.int64)
+        count = np.empty(n, dtype=np.int64)
         seconds = 0.0
-        lanes: slice | np.ndarray = slice(None)  # those that go on
-        for posed in range(self._limit):
-            before = inputs[lanes]
-            problem = self._linearise(theta[lanes], start[lanes], objective, before, lanes)
+        lanes: slice | np.ndarray = slice(None)  # those that go on; below, only they
+        before = guess
+        for posed in range(1, self._limit + 1):
+            problem = self._linearise(theta, start, objective, before)
             attempt = _Attempt(self._solver, problem)
-            after, goes_on = attempt.inputs, attempt.solved
-            if not goes_on.all():
-                zero = np.clip(0.0, problem.input_low, problem.input_high)
-                fallback = before if posed else zero
-                after = np.where(goes_on[:, None, None], after, fallback)
-            if self._until_converged:
-                goes_on = goes_on & (np.abs(after - before) > CONVERGED * self._range).any((1, 2))
-            inputs[lanes] = after
-            status[lanes] = attempt.status
-            retried[lanes] |= attempt.retried
-            count[lanes] += 1
+            after, ends = attempt.inputs, None
             seconds += attempt.seconds
-            if not goes_on.all():
-                still = np.arange(n)[lanes][goes_on]
-                if not still.size:
-                    break
-                lanes = still
+            if attempt.troubled:
+                ends = attempt.status != _SOLVED
+                retried[lanes] |= attempt.retried
+                zero = np.clip(0.0, problem.input_low, problem.input_high)
+                after = np.where(ends[:, None, None], zero if posed == 1 else before, after)
+            if self._until_converged:
+                stands = (np.abs(after - before) <= CONVERGED * self._range).all((1, 2))
+                ends = stands if ends is None else ends | stands
+            if posed < self._limit and (ends is None or not ends.any()):
+                before = after
+                continue
+            inputs[lanes], status[lanes], count[lanes] = after, attempt.status, posed
+            if posed == self._limit or ends is None or ends.all():
+                break
+            on = ~ends
+            lanes = np.arange(n)[lanes][on]
+            theta, start, before = theta[on], start[on], after[on]
+            objective = Objective(
+                objective.reference[on], objective.state_weights[on], objective.input_weights[on]
+            )
         return Plan(inputs, status, retried, count, seconds)
 
     def _linearise(
-        self,
-        theta: np.ndarray,
-        start: np.ndarray,
-        objective: Objective,
-        inputs: np.ndarray,
-        lanes: slice | np.ndarray,
+        self, theta: np.ndarray, start: np.ndarray, objective: Objective, inputs: np.ndarray
     ) -> LinearisedProblem:
         states, a, b = self._model.linearise(theta, start, inputs)
         return LinearisedProblem(
@@ -189,9 +189,9 @@ class SequentialQp:
             inputs=inputs,
             a=a,
             b=b,
-            reference=objective.reference[lanes],
-            state_weights=objective.state_weights[lanes],
-            input_weights=objective.input_weights[lanes],
+            reference=objective.reference,
+            state_weights=objective.state_weights,
+            input_weights=objective.input_weights,
             input_low=self._model.input_low,
             input_high=self._model.input_high,
             sparsity=self._model.sparsity,
@@ -216,16 +216,13 @@ class _Attempt:
             self.inputs = np.zeros_like(problem.inputs)
             self.status = np.full(len(finite), _NOT_FINITE, dtype=np.int8)
             self._solve_some(finite, careful=False)
-        self.solved = self.status == _SOLVED
-        self.retried = ~self.solved
-        if self.solved.all():
-            return
-        self.retried &= self.status != _NOT_FINITE
-        self._solve_some(self.retried, careful=True)
-        self.solved = self.status == _SOLVED
-        for lane in np.flatnonzero(~self.solved):
-            sentence = Status(self.status[lane]).sentence
-            _log.info("row %d of %d: %s", lane, len(self.solved), sentence)
+        self.troubled = bool(self.status.any())  # SOLVED is zero
+        if self.troubled:
+            self.retried = (self.status != _SOLVED) & (self.status != _NOT_FINITE)
+            self._solve_some(self.retried, careful=True)
+            for lane in np.flatnonzero(self.status):
+                sentence = Status(self.status[lane]).sentence
+                _log.info("row %d of %d: %s", lane, len(self.status), sentence)
 
     def _solve_some(self, mask: np.ndarray, careful: bool) -> None:
         if mask.any():
