@@ -114,10 +114,11 @@ def _load(
             error = states[(stage + index + 1) * nx + i] - reference[stage * nx + i]
             lane[at.offset + here + width + i] = error
     _load_bounds(lane, at, low, high)
-    for i in range((n + 1) * width):
-        lane[at.point + i] = 0.0
-        lane[at.slope + i] = 0.0
-        lane[at.curvature + i] = lane[at.weight + i]
+    points = (n + 1) * width
+    lane[at.point : at.point + points] = 0.0
+    lane[at.slope : at.slope + points] = 0.0
+    for k in range(n + 1):
+        copy_row(lane, at.curvature + k * width, lane, at.weight + k * width, at.vector)
     for i in range(nx):
         row = at.hessian + (n * (nx + nu) + i) * width
         lane[row + i] = lane[at.weight + n * width + i]

@@ -222,6 +222,11 @@ def forward_clipped(lane: np.ndarray, at: Layout) -> int:
             m = k * nu + j
             wish = _wish(lane, at, k, j)
             low, high, before = lane[at.low + m], lane[at.high + m], lane[at.side + m]
+            if before == FREE and low <= wish <= high:
+                # What follows would say the same; a guess of this branch need not wait for it.
+                lane[at.step + nx + j] = wish - lane[at.point + row + nx + j]
+                lane[at.trial + row + nx + j] = wish
+                continue
             margin = _HYSTERESIS * min(high - low, max(1.0, abs(wish)))
             side = FREE
             if before == PINNED:
