@@ -140,7 +140,9 @@ def test_claims_follow_the_intervals(sweep: Path) -> None:
 def test_the_table_and_the_claims_tell_the_same_difference_to_nominal(sweep: Path) -> None:
     comparison = compare(load(sweep), "pid_acc")
     for summary in comparison.summaries:
-        against = [c for c in comparison.claims if (c.first, c.second) == (summary.label, "Nominal")]
+        against = [
+            c for c in comparison.claims if (c.first, c.second) == (summary.label, "Nominal")
+        ]
         assert [summary.minus_nominal] == ([c.difference for c in against] or [None])
 
 

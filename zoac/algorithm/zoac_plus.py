@@ -18,9 +18,6 @@ from zoac.algorithm.zoac import Count, Fraction, Positive, Zoac
 from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem
 
-MAD_TO_STD = 1.4826
-"""Median absolute deviation to standard deviation, for a normal distribution."""
-
 SHRINK, RECOVER = 0.5, 1.05
 """Of perturbation and step, after an iteration with too many terminations and after any other."""
 
@@ -33,8 +30,8 @@ class ZoacPlus(Zoac):
     Start, disturbances and most of what the critic does not know are common to both and cancel.
     Both branches count as environment steps, and so do race and finals.
 
-    Perturbation and step shrink geometrically over the budget. The last part of the budget decides
-    on common held-out episodes between the winner of the race and averages of the iterates.
+    Perturbation and step stay as they are. The last part of the budget decides on common held-out
+    episodes between the winner of the race and averages of the iterates.
 
     Where an environment cannot be put back (`Problem.branches`), directions are run one way, and
     race and finals on the lanes' own episodes.
@@ -44,27 +41,20 @@ class ZoacPlus(Zoac):
         self,
         problem: Problem,
         *,
-        sigma: Positive,
-        sigma_end: Positive,
         step_size: Positive,
-        step_size_end: Positive,
         paired: bool = True,
         race_share: Fraction = 0.4,
         race_rounds: Count = 6,
         race_survivors: Fraction | None = None,
         finals_share: Fraction = 0.1,
         finals_entries: Count = 3,
-        clip_advantages: Annotated[float, Field(gt=0)] | None = 3.0,
         tolerated_terminations: Annotated[float, Field(ge=0, lt=1)] | None = None,
         **options: Any,
     ) -> None:
         """
         Args:
             problem: What is tuned.
-            sigma: Standard deviation of the perturbation in the mapped box, at first.
-            sigma_end: The same at the end of the budget.
-            step_size: At first.
-            step_size_end: At the end of the budget.
+            step_size: Of every iteration.
             paired: Run every direction both ways from the same state.
             race_share: Part of the budget for finding a start; 0 starts as `start` says.
             race_rounds: Rounds of the race, with horizons that grow to a whole episode.
@@ -74,18 +64,14 @@ class ZoacPlus(Zoac):
                 chosen; 0 recommends as `recommend` says.
             finals_entries: Averages of the iterates that meet the winner of the race there, taken
                 at equal distances.
-            clip_advantages: Scale by the median absolute deviation, as a standard deviation, and
-                clip here; None leaves them as `standardise_advantages` says.
             tolerated_terminations: Part of an iteration's segments that may end in termination;
                 above it perturbation and step shrink, below it they come back. None: any. For
                 careful tuning from known gains: no race, which tries the whole box.
-            options: Those of `Zoac`; the schedules above stand in for its annealing.
+            options: Those of `Zoac`.
         """
-        super().__init__(
-            problem, sigma=sigma, step_size=step_size, step_size_end=step_size_end, **options
-        )
-        self._sigmas = (sigma, sigma_end)
-        self._paired, self._clip = paired and problem.branches, clip_advantages
+        super().__init__(problem, step_size=step_size, step_size_end=step_size, **options)
+        self._widest = self._sigma
+        self._paired = paired and problem.branches
         self._tolerated, self._caution = tolerated_terminations, 1.0
         self._race = Race(
             problem,
@@ -111,9 +97,8 @@ class ZoacPlus(Zoac):
 
     @property
     def step_size(self) -> float:
-        """Shrinks geometrically from the first to the last, and with `tolerated_terminations`."""
-        first, last, _ = self._step_sizes
-        return self._caution * first * (last / first) ** self.progress
+        """Shrinks with terminations, if so told."""
+        return self._caution * super().step_size
 
     @property
     def _in_finals(self) -> bool:
@@ -125,8 +110,7 @@ class ZoacPlus(Zoac):
             return self._race.ask()
         if self._in_finals:
             return self._finals.ask()
-        first, last = self._sigmas
-        self._sigma = self._caution * first * (last / first) ** self.progress
+        self._sigma = self._caution * self._widest
         return super().ask()
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
@@ -175,12 +159,7 @@ class ZoacPlus(Zoac):
         if self._paired:
             # Half the difference of the two branches: an estimate along epsilon, as eq. (10).
             advantages = (advantages[0::2] - advantages[1::2]) / 2
-        if self._clip is None:
-            return super()._weights(advantages)
-        # A pair's difference is symmetric about no effect; single advantages are not.
-        centre = 0.0 if self._paired else float(np.median(advantages))
-        deviation = MAD_TO_STD * float(np.median(np.abs(advantages - centre))) + 1e-8
-        return np.clip((advantages - centre) / deviation, -self._clip, self._clip)
+        return super()._weights(advantages)
 
     def recommend(self) -> np.ndarray:
         """Return who leads the finals; before them, the race's leader or the average."""
