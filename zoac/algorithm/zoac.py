@@ -42,7 +42,7 @@ class Zoac(Tuner):
         segments: Count,
         sigma: Positive,
         step_size: Positive,
-        step_size_end: Positive,
+        step_size_end: Positive | None = None,
         step_size_slope: Annotated[float, Field(ge=0)] = 0.0,
         anneal: bool = True,
         start: Literal["random", "nominal"] = "random",
@@ -67,7 +67,7 @@ class Zoac(Tuner):
             segments: H, segments per lane and iteration ("train frequency").
             sigma: Standard deviation of the perturbation in the mapped box.
             step_size: Step size of the first iteration.
-            step_size_end: Step size at which annealing stops.
+            step_size_end: Step size at which annealing stops; None: the first one.
             step_size_slope: Decrease of the step size per iteration.
             anneal: False keeps the first step size (the authors' code).
             start: Begin anywhere in the box (the paper), or at the task's nominal parameters.
@@ -90,7 +90,7 @@ class Zoac(Tuner):
         self._problem = problem
         self._length, self._segments = segment_length, segments
         self._sigma = sigma
-        self._step_sizes = (step_size, step_size_end, step_size_slope if anneal else 0.0)
+        self._step_sizes = (step_size, step_size_end or step_size, step_size_slope if anneal else 0)
         self._gamma, self._lam = gamma, lam
         self._standardise, self._mirrored = standardise_advantages, mirrored
         self._project = project

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from zoac.algorithm.finals import Finals
 from zoac.algorithm.race import Race
-from zoac.algorithm.zoac import Count, Fraction, Positive, Zoac
+from zoac.algorithm.zoac import Count, Fraction, Zoac
 from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem
 
@@ -41,7 +41,6 @@ class ZoacPlus(Zoac):
         self,
         problem: Problem,
         *,
-        step_size: Positive,
         paired: bool = True,
         race_share: Fraction = 0.4,
         race_rounds: Count = 6,
@@ -54,7 +53,6 @@ class ZoacPlus(Zoac):
         """
         Args:
             problem: What is tuned.
-            step_size: Of every iteration.
             paired: Run every direction both ways from the same state.
             race_share: Part of the budget for finding a start; 0 starts as `start` says.
             race_rounds: Rounds of the race, with horizons that grow to a whole episode.
@@ -69,7 +67,7 @@ class ZoacPlus(Zoac):
                 careful tuning from known gains: no race, which tries the whole box.
             options: Those of `Zoac`.
         """
-        super().__init__(problem, step_size=step_size, step_size_end=step_size, **options)
+        super().__init__(problem, **options)
         self._widest = self._sigma
         self._paired = paired and problem.branches
         self._tolerated, self._caution = tolerated_terminations, 1.0
