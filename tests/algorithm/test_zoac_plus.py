@@ -12,7 +12,7 @@ from zoac.algorithm.zoac_plus import ZoacPlus
 from zoac.tuner import Problem
 
 PLUS = {
-    **OPTIONS,
+    **{key: value for key, value in OPTIONS.items() if not key.startswith("step_size_")},
     "race_share": 0.0,
     "finals_share": 0.0,
 }
