@@ -6,6 +6,7 @@ import contextlib
 import io
 import pickle
 import warnings
+from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Any, Literal
 
@@ -19,6 +20,8 @@ from zoac.baselines.acquisition import Acquisition
 from zoac.baselines.episodes import Count, Positive, Share
 from zoac.baselines.nevergrad import NevergradTuner
 from zoac.tuner import Problem
+
+Rounding = Callable[[np.ndarray], np.ndarray]
 
 
 class BayesOpt(NevergradTuner):
@@ -105,7 +108,7 @@ class BayesOpt(NevergradTuner):
             bo._gp = BoundedRegressor.like(
                 bo._gp, self._model["refit_growth"], self._model["max_observations"]
             )
-            bo.suggest = partial(suggest, bo)
+            bo.suggest = partial(suggest, bo, rounded=self._rounded)
             if self._suggests_start:
                 optimizer.suggest(self._first)
         return optimizer
@@ -122,7 +125,13 @@ class BayesOpt(NevergradTuner):
         if self._recommendation != "mean" or not hasattr(bo._gp, "X_train_"):
             return super()._own_recommendation()
         points = bo.space.params
-        return points[int(np.argmax(bo._gp.predict(points)))] * 2.0 - 1.0
+        return points[int(np.argmax(bo._gp.predict(self._rounded(points))))] * 2.0 - 1.0
+
+    def _rounded(self, points: np.ndarray) -> np.ndarray:
+        """`ParameterSpace.rounded` of points (..., d) in the library's box [0, 1]^d."""
+        z = points * 2.0 - 1.0
+        rounded = self._problem.space.rounded(z)
+        return np.where(rounded == z, points, (rounded + 1.0) / 2.0)
 
     def _own_state(self) -> Any:
         # Replaying would ask everything again, for hours; this optimiser pickles exactly.
@@ -192,17 +201,21 @@ def kept_observations(values: np.ndarray, cap: int | None) -> np.ndarray:
     return np.concatenate([np.sort(earlier), latest])
 
 
-def suggest(bo: Any, utility: Any) -> dict[str, float]:
-    """Return the next point, as `bayes_opt.BayesianOptimization.suggest` does, but faster."""
+def suggest(bo: Any, utility: Any, rounded: Rounding = np.asarray) -> dict[str, float]:
+    """Return the next point, as `bayes_opt.BayesianOptimization.suggest` does, but faster.
+
+    Discrete parameters: the process sees rounded points alone, so that what it believes is constant
+    where the cost is (Garrido-Merchan and Hernandez-Lobato 2020).
+    """
     if len(bo.space) == 0:
         return bo.space.array_to_params(bo.space.random_sample())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the fit's convergence, as in the library
-        bo._gp.fit(bo.space.params, bo.space.target)
+        bo._gp.fit(rounded(bo.space.params), bo.space.target)
     acquisition = Acquisition(
         bo._gp, utility.kind, best=bo.space.target.max(), kappa=utility.kappa, xi=utility.xi
     )
-    point = maximise(acquisition, bo.space.bounds, bo._random_state)
+    point = maximise(acquisition, bo.space.bounds, bo._random_state, rounded)
     return bo.space.array_to_params(point)
 
 
@@ -210,6 +223,7 @@ def maximise(
     acquisition: Acquisition,
     bounds: np.ndarray,
     random_state: np.random.RandomState,
+    rounded: Rounding = np.asarray,
     samples: int = 10_000,
     starts: int = 10,
 ) -> np.ndarray:
@@ -221,11 +235,13 @@ def maximise(
         acquisition: What to maximise.
         bounds: Lower and upper bounds (d, 2).
         random_state: Gives the random points.
+        rounded: Maps points (..., d) to those that stand for their values; coordinates that it
+            moves stay where they begin.
         samples: Points of the random search.
         starts: Starts of L-BFGS-B.
     """
     low, high = bounds.T
-    points = random_state.uniform(low, high, (samples, len(low)))
+    points = rounded(random_state.uniform(low, high, (samples, len(low))))
     values = acquisition.values(points)
     best, best_value = points[values.argmax()], values.max()
 
@@ -233,8 +249,11 @@ def maximise(
         value, gradient = acquisition.value_and_gradient(x)
         return -value, -gradient
 
-    for start in random_state.uniform(low, high, (starts, len(low))):
-        result = minimize(descend, start, jac=True, bounds=bounds, method="L-BFGS-B")
+    for drawn in random_state.uniform(low, high, (starts, len(low))):
+        start = rounded(drawn)
+        free = start == drawn
+        box = np.stack([np.where(free, low, start), np.where(free, high, start)], axis=1)
+        result = minimize(descend, start, jac=True, bounds=box, method="L-BFGS-B")
         if result.success and -result.fun >= best_value:
             best, best_value = result.x, -result.fun
     return np.clip(best, low, high)

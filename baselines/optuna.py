@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import warnings
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.stats import rankdata
 from zoac.baselines.bo import kept_observations
 from zoac.baselines.episodes import Count, EpisodeTuner, Share, starting_point
 from zoac.errors import ConfigError
+from zoac.parameters import Parameter, ParameterSpace
 from zoac.tuner import Problem
 
 try:
@@ -75,10 +77,7 @@ class Optuna(EpisodeTuner):
         }
         self._first = starting_point(problem, start, self._rng)
         self._sampler = _sampler(sampler, initial_design, int(self._rng.integers(1, 2**32)))
-        self._box = {
-            name: optuna.distributions.FloatDistribution(-1.0, 1.0)
-            for name in problem.space.coordinates
-        }
+        self._distributions = {p.name: _distribution(p) for p in problem.space.parameters}
         self._points = np.empty((0, problem.space.dimension))
         self._seen = np.empty(0)
         self._asked: list[np.ndarray] = []
@@ -88,8 +87,8 @@ class Optuna(EpisodeTuner):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             study = self._study()
-            trials = [study.ask(self._box) for _ in range(self._problem.lanes)]
-        points = [np.array([trial.params[name] for name in self._box]) for trial in trials]
+            trials = [study.ask(self._distributions) for _ in range(self._problem.lanes)]
+        points = [point_of(trial.params, self._problem.space) for trial in trials]
         if not began:
             points[0] = self._first
         self._asked += points
@@ -105,8 +104,8 @@ class Optuna(EpisodeTuner):
         study.add_trials(
             [
                 optuna.trial.create_trial(
-                    params=dict(zip(self._box, map(float, point), strict=True)),
-                    distributions=self._box,
+                    params=params_of(point, self._problem.space),
+                    distributions=self._distributions,
                     value=float(cost),
                 )
                 for point, cost in zip(self._points[kept], costs, strict=True)
@@ -137,6 +136,38 @@ class Optuna(EpisodeTuner):
             "batch": self._problem.lanes,
             **super().describe(),
         }
+
+
+def _distribution(p: Parameter) -> Any:
+    """Return Optuna's own kind of parameter: real ones in the mapped box, discrete ones as such."""
+    if p.kind == "choice":
+        return optuna.distributions.CategoricalDistribution(range(len(p.options)))
+    if p.kind == "integer":
+        return optuna.distributions.IntDistribution(int(p.low), int(p.high))
+    return optuna.distributions.FloatDistribution(-1.0, 1.0)
+
+
+def params_of(z: np.ndarray, space: ParameterSpace) -> dict[str, float | int]:
+    """Return a point (d,) of the mapped box as Optuna's parameters, options as positions."""
+    values = space.values(z)
+    params: dict[str, float | int] = {}
+    for p, columns, value in zip(space.parameters, space.columns, values, strict=True):
+        if p.kind == "choice":
+            params[p.name] = int(z[columns].argmax())
+        else:
+            params[p.name] = int(value) if p.kind == "integer" else float(z[columns][0])
+    return params
+
+
+def point_of(params: Mapping[str, float | int], space: ParameterSpace) -> np.ndarray:
+    """Return the rounded point (d,) of the mapped box that has Optuna's parameters."""
+    z = np.full(space.dimension, -1.0)
+    for p, columns in zip(space.parameters, space.columns, strict=True):
+        if p.kind == "choice":
+            z[columns.start + int(params[p.name])] = 1.0
+        else:
+            z[columns] = p.share(params[p.name]) if p.kind == "integer" else params[p.name]
+    return z
 
 
 def _sampler(kind: str, initial_design: int, seed: int) -> Any:

@@ -4,7 +4,8 @@ For every pair of tuner and task, and for each executor, one run goes through un
 killed (SIGKILL) again and again and launched anew each time: one kill in four anywhere while it
 starts, the others after it has moved on by at least one checkpoint. The final result and all
 evaluation rows must be equal to the last bit, clocks excepted. Runs are forked from this process,
-which has imported everything: else nearly all the time would go into imports. POSIX only.
+which has imported everything, and worker processes from their run: else nearly all the time would
+go into imports (`--own-workers` starts them as ever). POSIX only.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import multiprocessing
 import os
 import random
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -23,9 +25,10 @@ import traceback
 from dataclasses import dataclass
 from multiprocessing.context import ForkProcess
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
-from zoac import checkpoint, run
+from zoac import checkpoint, process, run, worker
 from zoac.config import compose_config
 from zoac.records import is_done, read_metrics, read_result
 
@@ -57,12 +60,44 @@ def outcome(folder: Path) -> list[str]:
     return [without_clocks(read_result(folder)), *map(without_clocks, rows)]
 
 
+class ForkedWorker:
+    """What `zoac.process` needs of a `subprocess.Popen`: a worker behind pipes, but forked."""
+
+    def __init__(self, *_arguments: Any, **_options: Any) -> None:
+        requests, to_worker = os.pipe()
+        from_worker, replies = os.pipe()
+        self._pid = os.fork()
+        if self._pid == 0:
+            # As after an exec: else workers would keep each other's pipes, and the run's lock.
+            first, second = sorted((requests, replies))
+            os.closerange(3, first)
+            os.closerange(first + 1, second)
+            os.closerange(second + 1, 1024)
+            sys.stdin, sys.stdout = os.fdopen(requests), os.fdopen(replies, "w")
+            worker.main()
+            os._exit(0)
+        os.close(requests)
+        os.close(replies)
+        self.stdin, self.stdout = os.fdopen(to_worker, "wb"), os.fdopen(from_worker, "rb")
+        self._status: int | None = None
+
+    def kill(self) -> None:
+        """End it."""
+        os.kill(self._pid, signal.SIGKILL)
+
+    def wait(self) -> int:
+        """Return its exit status."""
+        if self._status is None:
+            self._status = os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
+        return self._status
+
+
 def launch(arguments: list[str], folder: Path) -> ForkProcess:
     """Start one run in `folder`, its output in a file there."""
     folder.mkdir(exist_ok=True)
-    process = multiprocessing.get_context("fork").Process(target=_run, args=(arguments, folder))
-    process.start()
-    return process
+    forked = multiprocessing.get_context("fork").Process(target=_run, args=(arguments, folder))
+    forked.start()
+    return forked
 
 
 def _run(arguments: list[str], folder: Path) -> None:
@@ -80,11 +115,11 @@ def _run(arguments: list[str], folder: Path) -> None:
         os._exit(1)
 
 
-def finish(process: ForkProcess, folder: Path, what: str) -> None:
+def finish(launched: ForkProcess, folder: Path, what: str) -> None:
     """Wait for a run; exit with its output if it failed."""
-    process.join()
-    if process.exitcode != 0:
-        sys.exit(f"{what}: exit status {process.exitcode}\n{(folder / 'output').read_text()}")
+    launched.join()
+    if launched.exitcode != 0:
+        sys.exit(f"{what}: exit status {launched.exitcode}\n{(folder / 'output').read_text()}")
 
 
 def stamp(folder: Path) -> int:
@@ -118,21 +153,21 @@ def harass(arguments: list[str], runs: Path, inside: Path, tally: Tally, kills: 
     """
     while not is_done(runs / inside):
         before = stamp(runs / inside)
-        process = launch(arguments, runs)
+        launched = launch(arguments, runs)
         if tally.kills == kills:
-            finish(process, runs, f"{inside} after {kills} kills")
+            finish(launched, runs, f"{inside} after {kills} kills")
             break
         if rng.random() < 0.25:
-            process.join(rng.uniform(0.0, spans[0]))
+            launched.join(rng.uniform(0.0, spans[0]))
         else:
-            while stamp(runs / inside) == before and process.is_alive():
+            while stamp(runs / inside) == before and launched.is_alive():
                 time.sleep(0.001)
-            process.join(rng.uniform(0.0, spans[1]))
-        if not process.is_alive():
-            finish(process, runs, f"{inside} after {tally.kills} kills")
+            launched.join(rng.uniform(0.0, spans[1]))
+        if not launched.is_alive():
+            finish(launched, runs, f"{inside} after {tally.kills} kills")
             break
-        process.kill()
-        process.join()
+        launched.kill()
+        launched.join()
         tally.kills += 1
         tally.under_way += stamp(runs / inside) != before
 
@@ -173,8 +208,11 @@ def main() -> None:
     parser.add_argument("--tuners", nargs="*",
                         default=[t for t in choices["tuner"] if t != "nominal"])  # fmt: skip
     parser.add_argument("--executors", nargs="*", default=list(EXECUTORS))
+    parser.add_argument("--own-workers", action="store_true", help="start workers as ever")
     parser.add_argument("--keep", type=Path, help="where the folders of a difference go")
     options = parser.parse_args()
+    if not options.own_workers:
+        vars(process)["subprocess"] = SimpleNamespace(Popen=ForkedWorker, PIPE=None)
     importlib.import_module("zoac.session")
     for group, names in (("task", options.tasks), ("tuner", options.tuners)):
         for name in names:

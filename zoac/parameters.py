@@ -85,6 +85,10 @@ class Parameter:
         """Whether its values are numbers."""
         return all(isinstance(o, (int, float)) and not isinstance(o, bool) for o in self.options)
 
+    def share(self, values: Any) -> Any:
+        """Return where in [-1, 1] the middle of a whole number's share is, any shape."""
+        return (values - self.low + 0.5) / (self.high - self.low + 1.0) * 2.0 - 1.0
+
     def plain(self, value: float) -> Any:
         """Return a value that `ParameterSpace.values` gives as int, float or option."""
         if self.kind == "choice":
@@ -138,8 +142,10 @@ class ParameterSpace:
         self._integer = np.array([p.kind == "integer" for p in self.parameters])
         widths = [len(p.options) or 1 for p in self.parameters]
         self._first = np.cumsum([0, *widths[:-1]])  # each parameter's first coordinate
+        self.columns = tuple(slice(i, i + w) for i, w in zip(self._first, widths, strict=True))
+        """Each parameter's axes of the box."""
         self._choices = {
-            i: (slice(self._first[i], self._first[i] + len(p.options)), _codes(p))
+            i: (self.columns[i], _codes(p))
             for i, p in enumerate(self.parameters)
             if p.kind == "choice"
         }
@@ -179,6 +185,21 @@ class ParameterSpace:
             # Not clipped: beyond the box, the larger of two coordinates still decides.
             values[..., i] = codes[z[..., columns].argmax(axis=-1)]
         return values
+
+    def rounded(self, z: np.ndarray) -> np.ndarray:
+        """Return a point (..., d) with the values of `z`, the same for all points that share them.
+
+        The middle of a whole number's share; 1 for the option chosen and -1 for the others. Real
+        parameters stay. For surrogate models: between such points alone does the cost change.
+        """
+        inside = self.clip(np.array(z, dtype=np.float64))
+        values = self.values(z)
+        for i, (p, columns) in enumerate(zip(self.parameters, self.columns, strict=True)):
+            if p.kind == "integer":
+                inside[..., columns] = p.share(values[..., i, None])
+            elif p.kind == "choice":
+                inside[..., columns] = np.where(values[..., i, None] == _codes(p), 1.0, -1.0)
+        return inside
 
     def physical(self, z: np.ndarray) -> dict[str, np.ndarray]:
         """Map `z` (..., d) to named physical values, each of shape (...,); options as such."""
@@ -221,9 +242,9 @@ class ParameterSpace:
         values[..., self._log] = np.log10(values[..., self._log])
         low, high = self._scaled
         z = self.clip((values - low) / (high - low) * 2.0 - 1.0)
-        if self._integer.any():
-            shares = (values - low + 0.5) / (high - low + 1.0)  # the middle of the number's share
-            z[..., self._integer] = (shares * 2.0 - 1.0)[..., self._integer]
+        for i, p in enumerate(self.parameters):
+            if p.kind == "integer":
+                z[..., i] = p.share(values[..., i])
         if not self._choices:
             return z
         wide = np.repeat(z, [len(p.options) or 1 for p in self.parameters], axis=-1)
