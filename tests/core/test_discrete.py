@@ -35,6 +35,20 @@ def test_values_come_back_through_the_point_that_stands_for_them(z):
     np.testing.assert_allclose(again, values, atol=1e-12)
 
 
+@settings(deadline=None)
+@given(st.lists(st.floats(-1.5, 1.5), min_size=7, max_size=7))
+def test_points_that_share_their_values_are_rounded_to_one(z):
+    z = np.array(z)
+    rounded = SPACE.rounded(z)
+    assert np.array_equal(SPACE.values(rounded), SPACE.values(z))
+    assert rounded[0] == np.clip(z[0], -1, 1)
+    other = np.random.default_rng(0).uniform(-1, 1, (2000, 7))
+    other[:, 0] = rounded[0]
+    same = (SPACE.values(other) == SPACE.values(z)).all(axis=1)
+    assert same.any()
+    assert np.array_equal(SPACE.rounded(other)[same], np.tile(rounded, (same.sum(), 1)))
+
+
 def test_every_whole_number_has_an_equal_share_of_the_box():
     z = np.zeros((4000, 7))
     z[:, 1] = np.linspace(-1, 1, 4000)

@@ -1,0 +1,81 @@
+"""Surrogate models on whole numbers and choices: they believe nothing between the values."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.baselines.support import LANES, STEPS, TARGET, Quadratic, drive, problem
+from zoac.baselines.bo import BayesOpt
+from zoac.baselines.optuna import Optuna, params_of, point_of
+from zoac.parameters import Parameter, ParameterSpace, choice, integer
+from zoac.rollout import LaneGroup
+
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+
+
+class Mixed(Quadratic):
+    """The quadratic, with an integer and two choices; the best of them are 0, 0.5 and -0.1."""
+
+    space = ParameterSpace(
+        [
+            Parameter("a", -1.0, 1.0),
+            Parameter("b", -1.0, 1.0),
+            integer("c", -3, 3),
+            choice("d", (-1.0, 0.5, 2.0)),
+            choice("e", (-0.1, 1.0)),
+        ]
+    )
+
+
+def make(tuner, **options):
+    mixed = problem(episodes=60, space=Mixed.space, nominal=np.zeros(Mixed.space.dimension))
+    return tuner(mixed, initial_design=10, **options), LaneGroup(
+        Mixed(), range(LANES), range(LANES)
+    )
+
+
+def test_the_process_sees_points_that_stand_for_values_and_asks_such():
+    tuner, group = make(BayesOpt)
+    asked = drive(tuner, group, 20 * STEPS)
+    seen = tuner._optimizer.bo._gp.X_train_
+    assert len(seen) >= 15
+    assert np.array_equal(seen * 2.0 - 1.0, Mixed.space.rounded(seen * 2.0 - 1.0))
+    np.testing.assert_allclose(asked[-1], Mixed.space.rounded(asked[-1]), atol=1e-12)
+
+
+def test_its_real_parameters_stay_as_they_were_drawn():
+    tuner, _ = make(BayesOpt)
+    drawn = np.random.default_rng(0).uniform(size=(1000, Mixed.space.dimension)) ** 4
+    assert np.array_equal(tuner._rounded(drawn)[:, :2], drawn[:, :2])
+
+
+@pytest.mark.parametrize(
+    "tuner", [(BayesOpt, {"noise": 0.1}), (Optuna, {}), (Optuna, {"sampler": "tpe"})]
+)
+def test_the_best_values_are_found(tuner):
+    tuner, group = make(tuner[0], **tuner[1])
+    drive(tuner, group, 60 * STEPS)
+    found = Mixed.space.values(tuner.recommend())
+    assert found[2:].tolist() == [0.0, 0.5, -0.1]
+    assert np.abs(found[:2] - TARGET[:2]).max() < 0.4
+
+
+def test_optuna_knows_them_by_their_own_kinds():
+    tuner, group = make(Optuna)
+    drive(tuner, group, LANES * STEPS)
+    kinds = [type(d).__name__ for d in tuner._study().trials[0].distributions.values()]
+    assert (
+        kinds == ["FloatDistribution"] * 2 + ["IntDistribution"] + ["CategoricalDistribution"] * 2
+    )
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(-1.0, 1.0), min_size=8, max_size=8))
+def test_a_point_keeps_its_values_through_optunas_parameters(z):
+    z = np.array(z)
+    params = params_of(z, Mixed.space)
+    assert list(params) == list(Mixed.space.names)
+    again = point_of(params, Mixed.space)
+    assert np.array_equal(again, Mixed.space.rounded(z))
+    assert np.array_equal(Mixed.space.values(again), Mixed.space.values(z))
