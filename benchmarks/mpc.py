@@ -2,7 +2,8 @@
 
 All ways solve the same problems, ten at a time in turn, so that a busy machine slows all of them
 alike; medians over these tens, of CPU time per problem, are compared. One thread, parameters from
-the whole box. The default path takes the ten as lanes side by side, as a run does.
+the whole box. The default path takes the ten as lanes side by side, as a run does. States are the
+starts of episodes or, with `--after`, those that the same parameters led to in so many steps.
 """
 
 from __future__ import annotations
@@ -117,11 +118,15 @@ def one_by_one(function: Callable[[int], object]) -> Way:
     return way
 
 
-def ways(problems: int) -> tuple[dict[str, Way], Stopwatch]:
+def ways(problems: int, after: int) -> tuple[dict[str, Way], Stopwatch]:
     """Return every way as a function of a slice of problems, and a watch on `ONE_QP`."""
     z = stream(0, "benchmark").uniform(-1.0, 1.0, (problems, SPACE.dimension))
     values, params = SPACE.values(z), SPACE.physical(z)
-    observations = MpcTrackingLanes(problems).reset(seed=0)[0]
+    lanes = MpcTrackingLanes(problems)
+    observations = lanes.reset(seed=0)[0]
+    driver = TrackingMpc(Riccati())
+    for _ in range(after):
+        observations = lanes.step(driver.act(params, observations, {})[0])[0]
 
     def act(controller: TrackingMpc) -> Way:
         return lambda which: controller.act(
@@ -166,8 +171,10 @@ def measure(functions: dict[str, Way], problems: int) -> dict[str, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--tens", type=int, default=7, help="how many times ten problems")
-    problems = TEN * parser.parse_args().tens
-    functions, watch = ways(problems)
+    parser.add_argument("--after", type=int, default=0, help="steps in closed loop; default: 0")
+    options = parser.parse_args()
+    problems = TEN * options.tens
+    functions, watch = ways(problems, options.after)
     median = measure(functions, problems)
     inside = np.reshape(watch.seconds, (-1, TEN + 1))[:, 1:].mean(axis=1)
     for name, value in median.items():
