@@ -178,7 +178,7 @@ class Console:
     def finish(self, result: Mapping[str, Any]) -> None:
         """Print the tuned parameters."""
         for name, value in result["parameters"].items():
-            self._print(f"  {name} = {value:.6g}")
+            self._print(f"  {name} = {format(value, '.6g') if isinstance(value, float) else value}")
         if (gate := result.get("gate")) is not None:
             verdict = "the answer beats" if gate["accepted"] else "no better was found, it is"
             self._print(f"  gate: {verdict} the start values, {gate['pairs']} pairs of episodes")

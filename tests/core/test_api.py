@@ -122,6 +122,15 @@ def test_the_console_tells_the_gates_verdict_and_broken_constraints(capsys):
     assert re.search(r"constraint never: broken in (\d+) of \1 episodes", out)
 
 
+def test_the_console_tells_options_and_whole_numbers(capsys):
+    space = {"k": (0, 2), "n": (1, 9, "integer"), "mode": {"choices": ["fast", "safe"]}}
+    result = tune(space=space, tuner="random", quiet=False)
+    out, err = capsys.readouterr()
+    found = result.parameters
+    assert f"  n = {found['n']}\n  mode = {found['mode']}\n" in out
+    assert "switched off" not in err
+
+
 def test_a_scouted_start_on_common_episodes_is_told_and_changes_what_is_tuned():
     plain, scouted = (
         tune(tuner="es", **terms) for terms in ({}, {"scout": 5, "common_episodes": True})
