@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from zoac.analysis.load import Run
+from zoac.build import NOTES
 from zoac.errors import RunFolderError
 from zoac.records import differing_keys
 
@@ -22,7 +23,7 @@ def refuse_mixed(runs: Sequence[Run]) -> None:
     Raises:
         RunFolderError: If they do; the message names each key, its values and their seeds.
     """
-    mixed = _differences([(f"seed {run.seed}", _without(run.config, "seed")) for run in runs])
+    mixed = _differences([(f"seed {run.seed}", _without(_settings(run), "seed")) for run in runs])
     if mixed:
         raise RunFolderError(
             f"the runs of {runs[0].method} differ in their configuration and are not averaged:"
@@ -41,7 +42,10 @@ def refuse_unequal(runs: Sequence[Run]) -> None:
     """
     several = len({run.method.task for run in runs}) > 1
     named = [
-        (str(run.method), _without(run.config, "seed", *OF_TUNER, *(["task"] if several else [])))
+        (
+            str(run.method),
+            _without(_settings(run), "seed", *OF_TUNER, *(["task"] if several else [])),
+        )
         for run in runs
     ]
     mixed = _differences([(name, _without(config, *WITHOUT_TUNING)) for name, config in named])
@@ -57,6 +61,16 @@ def refuse_unequal(runs: Sequence[Run]) -> None:
             "these runs did not solve the same problem under the same budget and are not compared:"
             + mixed
         )
+
+
+def _settings(run: Run) -> dict[str, Any]:
+    """Return the configuration without what is written down twice or moves nothing.
+
+    A task's wishes for tuners stand in the tuner's own keys, and the solver in the task that uses
+    it.
+    """
+    task = {key: value for key, value in run.config["task"].items() if key not in NOTES}
+    return {**_without(run.config, "mpc_solver"), "task": task}
 
 
 def _without(config: Mapping[str, Any], *keys: str) -> dict[str, Any]:

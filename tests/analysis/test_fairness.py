@@ -29,6 +29,21 @@ def test_where_a_run_was_executed_does_not_set_it_apart(tmp_path: Path) -> None:
     refuse_mixed(load(tmp_path).runs)
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"mpc_solver": {"_target_": "somewhere.else"}},
+        {"task": {"_target_": "somewhere.pid_acc", "tuned_for": {"zoac": {"sigma": 0.5}}}},
+    ],
+)
+def test_what_moves_no_number_sets_no_run_apart(tmp_path: Path, changes: dict[str, object]) -> None:
+    plain = {"task": {"_target_": "somewhere.pid_acc"}}
+    write_run(tmp_path, "zoac", seed=0, config=plain)
+    write_run(tmp_path, "zoac", seed=1, config={**plain, **changes})
+    refuse_mixed(load(tmp_path).runs)
+    refuse_unequal(load(tmp_path).runs)
+
+
 def test_tuners_with_different_budgets_are_not_compared(tmp_path: Path) -> None:
     write_run(tmp_path, "zoac")
     write_run(tmp_path, "bo", config={"budget": 500})
