@@ -46,8 +46,8 @@ def trusted(options: Mapping[str, Any], trust: float) -> dict[str, Any]:
     chosen = {**options, "start": "nominal", width: spread(trust)}
     if width == "sigma":
         factor = spread(trust) / options["sigma"]
-        scaled = ("step_size", "sigma_")
-        chosen |= {k: v * factor for k, v in options.items() if k.startswith(scaled)}
+        steps = {k: v for k, v in options.items() if k.startswith("step_size") and v is not None}
+        chosen |= {k: v * factor for k, v in steps.items()}
     if "race_share" in options:
         chosen["race_share"] = 0.0
     return chosen

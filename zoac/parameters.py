@@ -193,6 +193,8 @@ class ParameterSpace:
         parameters stay. For surrogate models: between such points alone does the cost change.
         """
         inside = self.clip(np.array(z, dtype=np.float64))
+        if not self._choices and not self._integer.any():
+            return inside
         values = self.values(z)
         for i, (p, columns) in enumerate(zip(self.parameters, self.columns, strict=True)):
             if p.kind == "integer":

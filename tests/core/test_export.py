@@ -55,7 +55,22 @@ def test_a_file_read_back_acts_as_the_tuned_controller(suffix, tmp_path):
     assert np.array_equal(by_hand, segment.actions[:, 0])
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+def test_the_c_header_holds_every_value_as_its_type(tmp_path):
+    text = export(ODD, tmp_path / "my gains.h", {"k": "N/rad"}).read_text()
+    assert text.startswith("#ifndef MY_GAINS_H\n#define MY_GAINS_H\n")
+    assert text.endswith("\n#endif\n")
+    found = {name: (kind, literal) for kind, name, literal in
+             re.findall(r"^static const (.+?) (\w+) = (.*?);", text, re.MULTILINE)}  # fmt: skip
+    assert found == {
+        "k": ("double", repr(0.1 + 0.2)), "tiny": ("double", "1e-05"), "big": ("double", "1e+16"),
+        "whole": ("long", "3L"), "c_f": ("double", "-2.5"), "mode": ("char *const", '"it\'s"'),
+    }  # fmt: skip
+    assert "/* N/rad */" in text
+
+
+@pytest.mark.skipif(
+    shutil.which("gcc") is None, reason="no C compiler; the test above reads the header's text"
+)
 def test_the_c_header_compiles_and_acts_as_the_tuned_controller(tmp_path):
     result = tuned(law)
     result.export(tmp_path / "gains.h")

@@ -135,6 +135,12 @@ def test_the_more_trust_the_nearer_the_search_stays(tuner):
     assert farthest(1.0) < farthest(0.0)
 
 
+def test_trust_leaves_steps_that_are_not_set():
+    options = {"start": "random", "sigma": 0.1, "step_size": 0.02, "step_size_end": None}
+    trusting = gate.trusted(options, 1.0)
+    assert (trusting["step_size"], trusting["step_size_end"]) == (pytest.approx(0.006), None)
+
+
 def test_trust_in_a_tuner_that_knows_no_start_is_refused():
     with pytest.raises(ConfigError, match="trust needs a tuner with a start and a spread"):
         tune(tuner="random", trust=0.5)
