@@ -10,7 +10,7 @@ terminations per 100,000 steps of tuning: what the search did to the plant.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -50,21 +50,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--reference", choices=REFERENCES, default="nominal", help="default: nominal"
     )
-    parser.add_argument("--seeds", metavar="FIRST-LAST", type=_span, help="such as 100-109")
+    parser.add_argument("--seeds", metavar="0-9", type=cli.seeds, help="default: all")
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
-    collection = cli.load_aloud(options.runs)
+    collection = cli.load_aloud(options.runs, episodes=False)
     if options.task:
         collection = collection.of_task(options.task)
     folder = cli.output_folder(options.out)
     texts, frames = [], []
     for task in sorted({run.method.task for run in collection.finished}):
         runs = [run for run in collection.finished if run.method.task == task]
-        base = reference_costs(runs, options.reference)
+        base = reference_run(runs, options.reference)
         rows = table(runs, base, options.seeds)
-        texts.append(markdown(task, rows, options.reference, float(base.mean())))
+        texts.append(markdown(task, rows, options.reference, base.cost_mean))
         frames.append(frame(task, rows))
     text = "\n".join(texts)
     print(text)
@@ -73,51 +73,56 @@ def _command(options: argparse.Namespace) -> None:
     cli.write(folder / "beyond.csv", records.to_csv(index=False, lineterminator="\n"))
 
 
-def reference_costs(runs: Sequence[Run], reference: str) -> np.ndarray:
-    """Return the reference's cost of each evaluation episode, (E,).
+def reference_run(runs: Sequence[Run], reference: str) -> Run:
+    """Return the run by whose cost others are divided.
 
     Raises:
         RunFolderError: If there is no run with the nominal controller.
     """
     if reference == "best":
-        return min((run.costs for run in runs), key=lambda costs: float(costs.mean()))
+        return min(runs, key=lambda run: run.cost_mean)
     nominal = [run for run in runs if not run.tuned]
     if not nominal:
         raise RunFolderError(
             f"no run of the nominal controller on {runs[0].method.task}; make one with "
             "tuner=nominal, or give --reference best"
         )
-    return nominal[0].costs
+    return nominal[0]
 
 
-def table(
-    runs: Sequence[Run], reference: np.ndarray, seeds: tuple[int, int] | None = None
-) -> list[Row]:
+def table(runs: Sequence[Run], reference: Run, seeds: Collection[int] | None = None) -> list[Row]:
     """Return the rows, best at the largest budget first.
 
     Args:
         runs: Finished runs of one task.
-        reference: Its cost of each evaluation episode (E,).
-        seeds: First and last seed to count; all by default.
+        reference: The run by whose cost theirs are divided.
+        seeds: Those to count; all by default.
 
     Raises:
-        RunFolderError: If runs met other episodes than the reference, or differ in settings.
+        RunFolderError: If there is none, runs met other episodes than the reference, or they
+            differ in settings.
     """
     found: dict[tuple[str, str], dict[int, dict[int, Outcome]]] = {}
     compared: dict[int, list[Run]] = {}
     for run in runs:
-        if not run.tuned or (seeds and not seeds[0] <= run.seed <= seeds[1]):
+        if not run.tuned or (seeds is not None and run.seed not in seeds):
             continue
-        if len(run.costs) != len(reference):
+        if _episodes(run) != _episodes(reference):
             raise RunFolderError(
-                f"{run.folder}: {len(run.costs)} evaluation episodes where the reference has "
-                f"{len(reference)}"
+                f"{run.folder}: {_episodes(run)} where the reference, {reference.folder}, has "
+                f"{_episodes(reference)}"
             )
         budget = int(run.config["budget"])
         compared.setdefault(budget, []).append(run)
         row = found.setdefault((run.method.tuner, _variant(run)), {})
         row.setdefault(budget, {})[run.seed] = Outcome(
-            float(run.costs.mean() / reference.mean()), _terminations(run)
+            run.cost_mean / reference.cost_mean, _terminations(run)
+        )
+    if not found:
+        known = ", ".join(map(str, sorted({run.seed for run in runs if run.tuned})))
+        raise RunFolderError(
+            f"no tuned run on {reference.method.task} with these seeds; "
+            + (f"there are {known}" if known else "there is none at all")
         )
     for same_budget in compared.values():
         refuse_unequal(same_budget)
@@ -169,6 +174,11 @@ def frame(task: str, rows: Sequence[Row]) -> pd.DataFrame:
     )
 
 
+def _episodes(run: Run) -> str:
+    evaluation = run.config["evaluation"]
+    return f"{evaluation['final_episodes']} evaluation episodes from seed {evaluation['seed']}"
+
+
 def _terminations(run: Run) -> float | None:
     count = run.outcome.get("tuning_terminations")
     return None if count is None else count / run.outcome["env_steps"] * 1e5
@@ -202,11 +212,6 @@ def _ratio(value: float) -> str:
 def _variant(run: Run) -> str:
     parts = (run.method.variant or "").split(",")
     return ",".join(part for part in parts if part.partition("=")[0] not in ASIDE)
-
-
-def _span(text: str) -> tuple[int, int]:
-    first, _, last = text.partition("-")
-    return int(first), int(last or first)
 
 
 if __name__ == "__main__":

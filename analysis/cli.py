@@ -30,6 +30,24 @@ def parser(module: str, summary: str, out: str) -> argparse.ArgumentParser:
     return made
 
 
+def count(text: str) -> int:
+    """Parse a whole number of at least 1."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, got {text!r}")
+    return int(text)
+
+
+def seeds(text: str) -> list[int]:
+    """Parse seeds: 0,3,4 or 0-9 or both."""
+    found: list[int] = []
+    for part in text.split(","):
+        first, dash, last = part.partition("-")
+        if not first.isdecimal() or (dash and not (last.isdecimal() and int(first) <= int(last))):
+            raise argparse.ArgumentTypeError(f"expected seeds such as 0,3,4 or 0-9, got {text!r}")
+        found += range(int(first), int(last or first) + 1)
+    return found
+
+
 def add_formats(parser: argparse.ArgumentParser) -> None:
     """Add --format, a list of picture formats."""
 
@@ -67,9 +85,19 @@ def guarded(
     return 0
 
 
-def load_aloud(root: Path) -> Collection:
-    """Load runs; name on stderr each folder that is left out, and why."""
+def load_aloud(root: Path, *, episodes: bool = True) -> Collection:
+    """Load runs; name on stderr each folder that is left out, and why.
+
+    Args:
+        root: A folder of runs, or one run folder.
+        episodes: Whether the cost of each episode is needed.
+
+    Raises:
+        RunFolderError: If nothing can be read, or episodes are needed and were not kept.
+    """
     collection = load(root)
+    for run in collection.finished if episodes else ():
+        _ = run.costs
     for item in collection.left_out:
         print(f"left out {item}", file=sys.stderr)
     return collection

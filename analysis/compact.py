@@ -1,9 +1,10 @@
 """Runs in three small files: `python -m zoac.analysis.compact runs --out results`.
 
 Every other command reads such a folder like the runs themselves. What is kept: of each finished run
-its whole result; of its evaluations while tuning the metrics and each episode's cost, to six
-digits; of its configuration one copy for all seeds of a method. What is not: parameters while
-tuning, training rows, commands, dates.
+its whole result; of its evaluations while tuning the metrics and each episode's cost; of its
+configuration one copy for all seeds of a method. What is not: parameters while tuning, training
+rows, commands, dates. `--summary` keeps less: of each run one row with means over the episodes,
+which is what `zoac.analysis.beyond` needs.
 
     runs.csv         one row per run: task, tuner, variant, seed, and its result
     evaluations.csv  one row per evaluation while tuning
@@ -16,21 +17,27 @@ import argparse
 import csv
 import io
 import json
-import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import groupby
 from typing import Any
 
 from zoac.analysis import cli
-from zoac.analysis.compact_format import EVALUATIONS, KEY, METHODS, RUNS, TIMES
+from zoac.analysis.compact_format import EVALUATIONS, KEY, LISTS, METHODS, RUNS, SHARED, TIMES
 from zoac.analysis.load import Run, by_method
 
-OF_ONE_RUN = ("seed", "command", "started")
+OF_ONE_RUN = ("seed", "config_hash", "command", "started")
 """Keys of run.json that belong to a single run."""
 
 LEFT_OUT = ("z", "config_hash", "format")
 """Of a result: what follows from parameters and run.json."""
+
+OF_ONE_EVALUATION = ("kind", "final", "parameters", "episode_lengths")
+"""Of an evaluation while tuning: what is not kept."""
+
+WORTH_SHARING = 30
+"""Characters from which a value that several methods have is written only once."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -38,33 +45,44 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = cli.parser("compact", "Runs in three small files.", out="compact")
     parser.add_argument(
         "--every",
-        type=int,
+        type=cli.count,
         default=1,
         metavar="STEPS",
-        help="evaluations while tuning at least so far apart; 0: none; default: all",
+        help="evaluations while tuning at least so far apart; default: all",
+    )
+    parser.add_argument(
+        "--summary",
+        action="store_true",
+        help="no evaluations while tuning, and of results no single episodes",
     )
     parser.add_argument(
         "--digits",
-        type=int,
+        type=cli.count,
         metavar="N",
-        help="significant digits of results; default: all, so that they come back exactly",
+        help="significant digits; default: of evaluations while tuning six, of results all, so "
+        "that they come back exactly",
     )
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
-    runs = cli.load_aloud(options.runs).finished
+    runs = cli.load_aloud(options.runs, episodes=not options.summary).finished
     folder = cli.output_folder(options.out)
-    cli.write(folder / RUNS, runs_csv(runs, options.digits))
-    cli.write(folder / EVALUATIONS, evaluations_csv(runs, options.every))
+    left_out = LISTS if options.summary else ()
+    evaluated = [] if options.summary else runs
+    cli.write(folder / RUNS, runs_csv(runs, options.digits, left_out))
+    cli.write(folder / EVALUATIONS, evaluations_csv(evaluated, options.every, options.digits))
     cli.write(folder / METHODS, methods_json(runs))
 
 
-def runs_csv(runs: Iterable[Run], digits: int | None = None) -> str:
-    """Return one row per run; numbers to so many significant digits, or exact."""
+def runs_csv(runs: Iterable[Run], digits: int | None = None, left_out: Sequence[str] = ()) -> str:
+    """Return one row per run, without some of its result's keys.
+
+    Numbers have so many significant digits, or all.
+    """
     rows = []
     for run in runs:
-        result = {k: v for k, v in run.outcome.items() if k not in (*KEY, *LEFT_OUT)}
+        result = {k: v for k, v in run.outcome.items() if k not in (*KEY, *LEFT_OUT, *left_out)}
         parameters = result.pop("parameters")
         rows.append(
             {
@@ -76,22 +94,22 @@ def runs_csv(runs: Iterable[Run], digits: int | None = None) -> str:
     return _csv(rows, exact if digits is None else partial(rounded, digits=digits))
 
 
-def evaluations_csv(runs: Iterable[Run], every: int = 1) -> str:
-    """Return one row per evaluation while tuning, at least `every` steps apart; 0: none."""
+def evaluations_csv(runs: Iterable[Run], every: int = 1, digits: int | None = None) -> str:
+    """Return one row per evaluation while tuning, at least `every` steps apart."""
     rows = [
         {
             **{key: run.identity[key] for key in KEY},
-            **{k: v for k, v in row.items() if k not in ("kind", "final", "parameters", *LEFT_OUT)},
+            **{k: v for k, v in row.items() if k not in (*OF_ONE_EVALUATION, *LEFT_OUT)},
         }
         for run in runs
         if run.tuned
         for row in _apart(run.evaluations, every)
     ]
-    return _csv(rows, rounded)
+    return _csv(rows, partial(rounded, digits=digits or 6))
 
 
 def _apart(rows: Iterable[Mapping[str, Any]], every: int) -> Iterator[Mapping[str, Any]]:
-    due = 0 if every else math.inf
+    due = 0
     for row in rows:
         if row["env_steps"] >= due:
             due = row["env_steps"] // every * every + every
@@ -99,14 +117,28 @@ def _apart(rows: Iterable[Mapping[str, Any]], every: int) -> Iterator[Mapping[st
 
 
 def methods_json(runs: Iterable[Run]) -> str:
-    """Return what run.json says of each method."""
+    """Return what run.json says of each method; what several say stands there once."""
     records = []
     for group in by_method(runs).values():
         record = {k: v for k, v in group[0].identity.items() if k not in OF_ONE_RUN}
         record["config"] = {k: v for k, v in record["config"].items() if k != "seed"}
-        record["config_hash"] = {str(run.seed): run.identity["config_hash"] for run in group}
         records.append(record)
-    return "[\n" + ",\n".join(map(json.dumps, records)) + "\n]\n"  # a line per method
+    times = Counter(map(json.dumps, (v for r in records for v in (r | r["config"]).values())))
+    shared = [text for text, count in times.items() if count > 1 and len(text) > WORTH_SHARING]
+
+    def once(values: Mapping[str, Any]) -> dict[str, Any]:
+        texts = {key: json.dumps(value) for key, value in values.items()}
+        return {
+            key: {SHARED: shared.index(texts[key])} if texts[key] in shared else value
+            for key, value in values.items()
+        }
+
+    lines = [json.dumps(once(record | {"config": once(record["config"])})) for record in records]
+    return f'{{"{SHARED}": {_lines(shared)},\n"methods": {_lines(lines)}}}\n'
+
+
+def _lines(items: Iterable[str]) -> str:
+    return "[\n" + ",\n".join(items) + "\n]"
 
 
 def exact(value: Any) -> str:

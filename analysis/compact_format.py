@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from zoac.records import config_hash
+
 RUNS, EVALUATIONS, METHODS = "runs.csv", "evaluations.csv", "methods.json"
 
 KEY = ("task", "tuner", "variant", "seed")
@@ -18,6 +20,9 @@ LISTS = ("cost_per_episode", "episode_lengths")
 
 TIMES = "*"
 """In a list, 200*3 is 200 200 200."""
+
+SHARED = "shared"
+"""In methods.json, {"shared": 3} is the fourth of the values that several methods have."""
 
 
 class Record(NamedTuple):
@@ -36,10 +41,7 @@ def is_compact(folder: Path) -> bool:
 
 def read(folder: Path) -> Iterator[Record]:
     """Yield the runs of a folder."""
-    methods = {
-        (m["task"], m["tuner"], m["variant"]): m
-        for m in json.loads((folder / METHODS).read_text(encoding="utf-8"))
-    }
+    methods = {(m["task"], m["tuner"], m["variant"]): m for m in _methods(folder / METHODS)}
     evaluations: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for row in _rows(folder / EVALUATIONS):
         evaluations.setdefault(_key(row), []).append({"kind": "eval", "final": False, **row})
@@ -49,17 +51,27 @@ def read(folder: Path) -> Iterator[Record]:
             for name in [name for name in row if name.startswith("parameters.")]
         }
         method, seed = methods[row["task"], row["tuner"], row["variant"]], row["seed"]
-        hashed = method["config_hash"][str(seed)]
-        identity = {
-            **method,
-            "seed": seed,
-            "config": {**method["config"], "seed": seed},
-            "config_hash": hashed,
-        }
+        config = {**method["config"], "seed": seed}
+        hashed = config_hash(config)
+        identity = {**method, "seed": seed, "config": config, "config_hash": hashed}
         result = {**row, "parameters": parameters, "config_hash": hashed}
         last = {"kind": "eval", "final": True, **result}
         name = "-".join(str(part) for part in _key(row) if part is not None)
         yield Record(name, identity, [*evaluations.get(_key(row), []), last], result)
+
+
+def _methods(path: Path) -> Iterator[dict[str, Any]]:
+    content = json.loads(path.read_text(encoding="utf-8"))
+    shared = content[SHARED]
+
+    def whole(values: Mapping[str, Any]) -> dict[str, Any]:
+        return {
+            key: shared[value[SHARED]] if isinstance(value, dict) and SHARED in value else value
+            for key, value in values.items()
+        }
+
+    for method in content["methods"]:
+        yield whole(method) | {"config": whole(method["config"])}
 
 
 def _key(row: Mapping[str, Any]) -> tuple[Any, ...]:

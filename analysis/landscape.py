@@ -47,16 +47,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--tuner", default="zoac", help="default: zoac")
     parser.add_argument("--variant", help="keep to runs of this variant")
     parser.add_argument("--parameters", help="names, with commas between; default: all")
-    parser.add_argument("--points", type=int, default=25, help="along each parameter; default: 25")
-    parser.add_argument("--episodes", type=int, default=8, help="per point; default: 8")
+    parser.add_argument(
+        "--points", type=cli.count, default=25, help="along each parameter; default: 25"
+    )
+    parser.add_argument("--episodes", type=cli.count, default=8, help="per point; default: 8")
     cli.add_formats(parser)
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
-    for name in ("points", "episodes"):
-        if getattr(options, name) < 1:
-            raise ConfigError(f"--{name} must be at least 1, got {getattr(options, name)}")
     collection = cli.load_aloud(options.runs)
     collection = collection.of_task(options.task or cli.only_task(collection))
     if options.variant is not None:

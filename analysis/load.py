@@ -95,8 +95,22 @@ class Run:
 
     @property
     def costs(self) -> np.ndarray:
-        """Final cost of each evaluation episode, (E,); NaN where none was recorded."""
+        """Final cost of each evaluation episode, (E,); NaN where none was recorded.
+
+        Raises:
+            RunFolderError: If the run is not finished, or only its mean was kept.
+        """
+        if "cost_per_episode" not in self.outcome:
+            raise RunFolderError(
+                f"{self.folder}: only means over the episodes were kept (zoac.analysis.compact "
+                "--summary), which zoac.analysis.beyond reads; all else needs the runs themselves"
+            )
         return np.array(self.outcome["cost_per_episode"], dtype=np.float64)
+
+    @property
+    def cost_mean(self) -> float:
+        """Mean final cost over the evaluation episodes; NaN where none was recorded."""
+        return float(np.array(self.outcome["cost_mean"], dtype=np.float64))
 
     @property
     def tuned(self) -> bool:
@@ -200,7 +214,7 @@ def load(root: str | Path) -> Collection:
 def _compact(root: Path) -> list[compact_format.Record]:
     try:
         return list(compact_format.read(root))
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, KeyError, TypeError, ValueError) as error:
         raise RunFolderError(
             f"{root}: its {compact_format.RUNS}, {compact_format.EVALUATIONS} and "
             f"{compact_format.METHODS} cannot be read together ({type(error).__name__}: {error}); "

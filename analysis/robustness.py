@@ -81,16 +81,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--vary", action="append", default=[], metavar="NAME=LOW,HIGH", help="may be repeated"
     )
-    parser.add_argument("--plants", type=int, default=20, help="plants drawn; default: 20")
-    parser.add_argument("--episodes", type=int, default=8, help="per plant; default: 8")
+    parser.add_argument("--plants", type=cli.count, default=20, help="plants drawn; default: 20")
+    parser.add_argument("--episodes", type=cli.count, default=8, help="per plant; default: 8")
     cli.add_formats(parser)
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
-    for name in ("plants", "episodes"):
-        if getattr(options, name) < 1:
-            raise ConfigError(f"--{name} must be at least 1, got {getattr(options, name)}")
     ranges = dict(_parsed(text) for text in options.vary)
     collection = cli.load_aloud(options.runs)
     collection = collection.of_task(options.task or cli.only_task(collection))

@@ -28,7 +28,7 @@ def chosen(collection: Collection, tuner: str | None = None, seed: int | None = 
 
 def median_run(runs: Sequence[Run]) -> Run:
     """Return the run whose final cost is the (lower) median: typical, not the best."""
-    ordered = sorted(runs, key=lambda run: (run.costs.mean(), run.seed))
+    ordered = sorted(runs, key=lambda run: (run.cost_mean, run.seed))
     return ordered[(len(ordered) - 1) // 2]
 
 

@@ -73,12 +73,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--variant", help="keep to runs of this variant")
     parser.add_argument(
         "--budget",
-        type=int,
+        type=cli.count,
         metavar="STEPS",
         help="take each run where it stood after so many environment steps",
     )
     parser.add_argument(
-        "--seeds", type=_seeds, metavar="0,1,...", help="the seeds each method should have"
+        "--seeds", type=cli.seeds, metavar="0-4", help="the seeds each method should have"
     )
     parser.add_argument("--bootstrap-seed", type=int, default=0, metavar="SEED")
     return cli.guarded(_command, parser, argv)
@@ -220,10 +220,6 @@ def _setting(comparison: Comparison) -> str:
     if comparison.budget is not None:
         when = f"After {comparison.budget:,} environment steps"
     return f"{when}, {comparison.episodes} evaluation episodes shared by all runs."
-
-
-def _seeds(text: str) -> list[int]:
-    return [int(part) for part in text.split(",")]
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ FIGURES = ROOT / "docs" / "images" / "reproduction"
 
 
 def same_bytes(made: Path, kept: Path) -> None:
-    names = sorted(path.name for path in made.iterdir())
+    names = sorted(path.name for path in kept.iterdir())
     assert names
     for name in names:
         assert (made / name).read_bytes() == (kept / name).read_bytes(), name

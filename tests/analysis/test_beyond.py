@@ -23,7 +23,7 @@ def runs(tmp_path):
 
 def rows(root, seeds=None, reference="nominal"):
     finished = load(root).finished
-    table = beyond.table(finished, beyond.reference_costs(finished, reference), seeds)
+    table = beyond.table(finished, beyond.reference_run(finished, reference), seeds)
     return {
         row.variant: {
             budget: {seed: outcome.ratio for seed, outcome in outcomes.items()}
@@ -47,7 +47,13 @@ def test_tuners_on_other_terms_are_rows_of_their_own(runs):
 
 
 def test_seeds_can_be_kept_apart(runs):
-    assert rows(runs, seeds=(100, 109))[""] == {1000: {100: 4.0}, 5000: {100: 2.0}}
+    assert rows(runs, seeds=range(100, 110))[""] == {1000: {100: 4.0}, 5000: {100: 2.0}}
+
+
+def test_seeds_that_nobody_has_are_refused_with_those_there_are(runs, capsys):
+    assert beyond.main([str(runs), "--seeds", "3-9"]) == 1
+    told = "no tuned run on pid_acc with these seeds; there are 0, 1, 100"
+    assert told in capsys.readouterr().err
 
 
 def test_the_best_run_can_be_the_reference(runs):
@@ -80,4 +86,13 @@ def test_without_a_nominal_run_it_says_what_to_do(tmp_path, capsys):
 def test_other_evaluation_episodes_are_refused(runs, capsys):
     write_run(runs, seed=7, costs=(1.0, 2.0, 3.0))
     assert beyond.main([str(runs)]) == 1
-    assert "3 evaluation episodes where the reference has 2" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "3 evaluation episodes from seed 0 where the reference, " in told
+    assert "has 2 evaluation episodes from seed 0" in told
+
+
+def test_evaluation_episodes_of_another_seed_are_refused(runs, capsys):
+    evaluation = {"episodes": 2, "final_episodes": 2, "seed": 5}
+    write_run(runs, seed=7, costs=(1.0, 2.0), config={"evaluation": evaluation})
+    assert beyond.main([str(runs)]) == 1
+    assert "2 evaluation episodes from seed 5 where" in capsys.readouterr().err

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.analysis.folders import write_run
-from zoac.analysis import compact, landscape, replay, table2
+from zoac.analysis import beyond, compact, curves, landscape, replay, table2
 from zoac.analysis.load import load
 
 
@@ -46,6 +46,32 @@ def test_results_can_be_kept_to_fewer_digits(runs, tmp_path):
         np.testing.assert_allclose(twin.costs, run.costs, rtol=2e-3)
 
 
+def test_a_summary_has_means_only_and_the_table_of_ratios_is_the_same(runs, tmp_path):
+    out = tmp_path / "summary"
+    assert compact.main([str(runs), "--out", str(out), "--summary"]) == 0
+    assert [run.evaluations for run in load(out).runs] == [[]] * 5
+    assert "cost_per_episode" not in (out / "runs.csv").read_text()
+    for source, tables in ((runs, "a"), (out, "b")):
+        assert beyond.main([str(source), "--out", str(tmp_path / tables)]) == 0
+    for name in ("beyond.md", "beyond.csv"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+@pytest.mark.parametrize("command", [table2, curves, landscape, compact])
+def test_what_needs_single_episodes_refuses_a_summary(runs, tmp_path, capsys, command):
+    out = tmp_path / "summary"
+    assert compact.main([str(runs), "--out", str(out), "--summary"]) == 0
+    assert command.main([str(out), "--out", str(tmp_path / "x")]) == 1
+    assert "only means over the episodes were kept" in capsys.readouterr().err
+
+
+def test_a_summary_of_a_summary_is_the_same_bytes(runs, tmp_path):
+    for source, out in ((runs, "a"), (tmp_path / "a", "b")):
+        assert compact.main([str(source), "--out", str(tmp_path / out), "--summary"]) == 0
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
 def test_evaluations_come_back_to_six_digits(runs, small):
     for run, twin in zip(load(runs).runs, load(small).runs, strict=True):
         assert len(twin.evaluations) == (len(run.evaluations) if run.tuned else 0)
@@ -76,14 +102,24 @@ def test_a_folder_with_a_file_missing_is_refused_by_name(small, capsys):
 
 def test_one_record_serves_all_seeds_of_a_method(small):
     records = json.loads((small / "methods.json").read_text())
-    assert [(r["tuner"], sorted(r["config_hash"])) for r in records] == [
-        ("bo", ["0", "1"]),
-        ("nominal", ["0"]),
-        ("zoac", ["0", "1"]),
-    ]
+    assert [record["tuner"] for record in records["methods"]] == ["bo", "nominal", "zoac"]
 
 
-@pytest.mark.parametrize(("every", "kept"), [(1, [0, 500]), (600, [0]), (0, [])])
+def test_a_folder_of_another_form_is_refused_by_name(small, capsys):
+    (small / "methods.json").write_text("[]")
+    assert table2.main([str(small)]) == 1
+    assert "write them anew with python -m zoac.analysis.compact" in capsys.readouterr().err
+
+
+def test_what_methods_have_in_common_is_written_once(runs, small):
+    text = (small / "methods.json").read_text()
+    assert text.count('"preceding_std"') == text.count('"low"') / 4 == 1
+    for run, twin in zip(load(runs).runs, load(small).runs, strict=True):
+        kept = {k: v for k, v in run.identity.items() if k not in ("command", "started")}
+        assert twin.identity == kept
+
+
+@pytest.mark.parametrize(("every", "kept"), [(1, [0, 500]), (600, [0])])
 def test_evaluations_can_be_thinned(runs, tmp_path, every, kept):
     out = tmp_path / "thin"
     assert compact.main([str(runs), "--out", str(out), "--every", str(every)]) == 0
