@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -18,6 +18,7 @@ import torch
 from zoac.algorithm.adam import Adam
 
 _CHUNK = 4096
+_TANH_BACKWARD = torch.ops.aten.tanh_backward.grad_input  # looked up once: it is slow to find
 
 # The number of threads changes the order of sums and so the bits; one is also the fastest for
 # matrices this small when several runs share the machine.
@@ -70,8 +71,12 @@ class Critic:
         for matrix in self._matrices:
             gain = 1.0 if matrix is self._matrices[-1] else 5 / 3
             torch.nn.init.orthogonal_(matrix, gain=gain, generator=generator)
-        # Kept: memory of this size would go back to the system and come again at every step.
-        self._hidden, self._flows = self._layers(minibatch), self._layers(minibatch)
+        # Kept: memory of this size would go back to the system and come again at every step, and
+        # a view takes as long as a small product.
+        self._transposed = [matrix.t() for matrix in self._matrices[:-1]]
+        self._row, self._row_gradient = self._matrices[-1][0], self._matrix_gradients[-1][0]
+        self._work = _Work.of(self._layers(minibatch), self._layers(minibatch))
+        self._arrays = self._weights.numpy(), self._gradient.numpy()
         self._learning_rate = learning_rate
         self._adam = Adam(self._weights.numpy())
 
@@ -125,31 +130,30 @@ class Critic:
     def _forward(self, inputs: torch.Tensor, hidden: Sequence[torch.Tensor]) -> torch.Tensor:
         """Write the hidden layers' activations to `hidden`, (B, width) each; return values (B,)."""
         below = inputs
-        for matrix, bias, out in zip(self._matrices[:-1], self._biases[:-1], hidden, strict=True):
-            below = torch.addmm(bias, below, matrix.t(), out=out).tanh_()
-        return torch.mv(below, self._matrices[-1][0]).add_(self._biases[-1])
+        for matrix, bias, out in zip(self._transposed, self._biases[:-1], hidden, strict=True):
+            below = torch.addmm(bias, below, matrix, out=out).tanh_()
+        return torch.mv(below, self._row).add_(self._biases[-1])
 
     def _step(self, inputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
         """One Adam step on the mean of 0.5 (V - G)^2; return V - G before it, (B,)."""
-        size = len(inputs)
-        hidden, flows = self._hidden, self._flows
+        work, size = self._work, len(inputs)
         if size < self._minibatch:  # the last of an epoch
-            hidden, flows = ([part[:size] for part in parts] for parts in (hidden, flows))
-        error = self._forward(inputs, hidden).sub_(targets)
+            work = work.first(size)
+        error = self._forward(inputs, work.hidden).sub_(targets)
         slope = error / size
-        torch.mv(hidden[-1].t(), slope, out=self._matrix_gradients[-1][0])
+        torch.mv(work.hidden_transposed[-1], slope, out=self._row_gradient)
         torch.sum(slope, 0, keepdim=True, out=self._bias_gradients[-1])
-        torch.outer(slope, self._matrices[-1][0], out=flows[-1])
-        for layer in range(len(hidden) - 1, -1, -1):
-            flow = flows[layer]
+        torch.outer(slope, self._row, out=work.flows[-1])
+        for layer in range(len(work.hidden) - 1, -1, -1):
+            flow, flow_transposed = work.flows[layer], work.flows_transposed[layer]
             # tanh' = 1 - tanh^2
-            torch.ops.aten.tanh_backward.grad_input(flow, hidden[layer], grad_input=flow)
-            below = inputs if layer == 0 else hidden[layer - 1]
-            torch.mm(flow.t(), below, out=self._matrix_gradients[layer])
+            _TANH_BACKWARD(flow, work.hidden[layer], grad_input=flow)
+            below = inputs if layer == 0 else work.hidden[layer - 1]
+            torch.mm(flow_transposed, below, out=self._matrix_gradients[layer])
             torch.sum(flow, 0, out=self._bias_gradients[layer])
             if layer > 0:
-                torch.mm(flow, self._matrices[layer], out=flows[layer - 1])
-        self._adam.descend(self._weights.numpy(), self._gradient.numpy(), self._learning_rate)
+                torch.mm(flow, self._matrices[layer], out=work.flows[layer - 1])
+        self._adam.descend(*self._arrays, self._learning_rate)
         return error
 
     def state(self) -> dict[str, Any]:
@@ -168,6 +172,25 @@ class Critic:
         self._rng.bit_generator.state = state["rng"]
         if self._statistics is not None:
             self._statistics.restore(state["statistics"])
+
+
+class _Work(NamedTuple):
+    """A minibatch's memory, for each hidden layer (B, width), with its transposed views."""
+
+    hidden: list[torch.Tensor]
+    """Activations."""
+    flows: list[torch.Tensor]
+    """Gradients of the loss at what enters the activation."""
+    hidden_transposed: list[torch.Tensor]
+    flows_transposed: list[torch.Tensor]
+
+    @classmethod
+    def of(cls, hidden: list[torch.Tensor], flows: list[torch.Tensor]) -> _Work:
+        return cls(hidden, flows, [part.t() for part in hidden], [part.t() for part in flows])
+
+    def first(self, size: int) -> _Work:
+        """Return the part for a smaller minibatch."""
+        return _Work.of([part[:size] for part in self.hidden], [part[:size] for part in self.flows])
 
 
 class RunningStatistics:
