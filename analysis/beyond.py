@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Collection, Mapping, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from zoac.analysis import cli
-from zoac.analysis.fairness import refuse_unequal
+from zoac.analysis.fairness import refuse_mixed, refuse_unequal
 from zoac.analysis.formatting import NOTHING, pipes
 from zoac.analysis.labels import TASKS, TUNERS
 from zoac.analysis.load import Run
@@ -58,16 +59,17 @@ def _command(options: argparse.Namespace) -> None:
     collection = cli.load_aloud(options.runs, episodes=False)
     if options.task:
         collection = collection.of_task(options.task)
-    folder = cli.output_folder(options.out)
+    finished = collection.some_finished()
     texts, frames = [], []
-    for task in sorted({run.method.task for run in collection.finished}):
-        runs = [run for run in collection.finished if run.method.task == task]
+    for task in sorted({run.method.task for run in finished}):
+        runs = [run for run in finished if run.method.task == task]
         base = reference_run(runs, options.reference)
         rows = table(runs, base, options.seeds)
         texts.append(markdown(task, rows, options.reference, base.cost_mean))
         frames.append(frame(task, rows))
     text = "\n".join(texts)
     print(text)
+    folder = cli.output_folder(options.out)
     cli.write(folder / "beyond.md", text)
     records = pd.concat(frames, ignore_index=True)
     cli.write(folder / "beyond.csv", records.to_csv(index=False, lineterminator="\n"))
@@ -99,35 +101,45 @@ def table(runs: Sequence[Run], reference: Run, seeds: Collection[int] | None = N
         seeds: Those to count; all by default.
 
     Raises:
-        RunFolderError: If there is none, runs met other episodes than the reference, or they
-            differ in settings.
+        RunFolderError: If there is none, two are of the same row, budget and seed, or seeds,
+            methods or the reference differ in what they must share.
     """
-    found: dict[tuple[str, str], dict[int, dict[int, Outcome]]] = {}
-    compared: dict[int, list[Run]] = {}
+    cells: dict[tuple[str, str, int], dict[int, Run]] = {}
     for run in runs:
         if not run.tuned or (seeds is not None and run.seed not in seeds):
             continue
-        if _episodes(run) != _episodes(reference):
-            raise RunFolderError(
-                f"{run.folder}: {_episodes(run)} where the reference, {reference.folder}, has "
-                f"{_episodes(reference)}"
-            )
         budget = int(run.config["budget"])
-        compared.setdefault(budget, []).append(run)
-        row = found.setdefault((run.method.tuner, _variant(run)), {})
-        row.setdefault(budget, {})[run.seed] = Outcome(
-            run.cost_mean / reference.cost_mean, _terminations(run)
-        )
-    if not found:
+        cell = cells.setdefault((run.method.tuner, _variant(run), budget), {})
+        other = cell.setdefault(run.seed, run)
+        if other is not run:
+            raise RunFolderError(
+                f"two runs of the same row, budget {budget} and seed {run.seed}: {other.folder} "
+                f"and {run.folder}; {', '.join(ASIDE)} tell no rows apart, so move one away"
+            )
+    if not cells:
         known = ", ".join(map(str, sorted({run.seed for run in runs if run.tuned})))
         raise RunFolderError(
             f"no tuned run on {reference.method.task} with these seeds; "
             + (f"there are {known}" if known else "there is none at all")
         )
-    for same_budget in compared.values():
-        refuse_unequal(same_budget)
+    _refuse_unfair([list(cell.values()) for cell in cells.values()], reference)
+    found: dict[tuple[str, str], dict[int, dict[int, Outcome]]] = {}
+    for (tuner, variant, budget), cell in cells.items():
+        found.setdefault((tuner, variant), {})[budget] = {
+            seed: _outcome(run, reference) for seed, run in cell.items()
+        }
     rows = [Row(tuner, variant, outcomes) for (tuner, variant), outcomes in found.items()]
     return sorted(rows, key=lambda row: _ratios(row.outcomes[max(row.outcomes)]).mean())
+
+
+def _refuse_unfair(cells: Sequence[Sequence[Run]], reference: Run) -> None:
+    compared: dict[int, list[Run]] = {}
+    for cell in cells:
+        refuse_mixed(cell)
+        compared.setdefault(int(cell[0].config["budget"]), []).extend(cell)
+    for same_budget in compared.values():
+        refuse_unequal(same_budget)
+    refuse_unequal([reference, *chain.from_iterable(cells)], any_budget=True)
 
 
 def markdown(task: str, rows: Sequence[Row], reference: str, cost: float) -> str:
@@ -174,14 +186,10 @@ def frame(task: str, rows: Sequence[Row]) -> pd.DataFrame:
     )
 
 
-def _episodes(run: Run) -> str:
-    evaluation = run.config["evaluation"]
-    return f"{evaluation['final_episodes']} evaluation episodes from seed {evaluation['seed']}"
-
-
-def _terminations(run: Run) -> float | None:
+def _outcome(run: Run, reference: Run) -> Outcome:
     count = run.outcome.get("tuning_terminations")
-    return None if count is None else count / run.outcome["env_steps"] * 1e5
+    terminations = None if count is None else count / run.outcome["env_steps"] * 1e5
+    return Outcome(run.cost_mean / reference.cost_mean, terminations)
 
 
 def _ratios(outcomes: Mapping[int, Outcome]) -> np.ndarray:

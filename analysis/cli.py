@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from zoac.analysis.load import Collection, load
@@ -32,20 +33,31 @@ def parser(module: str, summary: str, out: str) -> argparse.ArgumentParser:
 
 def count(text: str) -> int:
     """Parse a whole number of at least 1."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, got {text!r}")
+    return _whole(text, 1)
+
+
+def seed(text: str) -> int:
+    """Parse a whole number of at least 0."""
+    return _whole(text, 0)
+
+
+def _whole(text: str, least: int) -> int:
+    if not text.isdecimal() or int(text) < least:
+        raise argparse.ArgumentTypeError(
+            f"expected a whole number of at least {least}, got {text!r}"
+        )
     return int(text)
 
 
 def seeds(text: str) -> list[int]:
-    """Parse seeds: 0,3,4 or 0-9 or both."""
-    found: list[int] = []
+    """Parse seeds, 0,3,4 or 0-9 or both, into ascending ones that differ."""
+    found: set[int] = set()
     for part in text.split(","):
         first, dash, last = part.partition("-")
         if not first.isdecimal() or (dash and not (last.isdecimal() and int(first) <= int(last))):
             raise argparse.ArgumentTypeError(f"expected seeds such as 0,3,4 or 0-9, got {text!r}")
-        found += range(int(first), int(last or first) + 1)
-    return found
+        found.update(range(int(first), int(last or first) + 1))
+    return sorted(found)
 
 
 def add_formats(parser: argparse.ArgumentParser) -> None:
@@ -108,12 +120,11 @@ def only_task(collection: Collection) -> str:
 
     Raises:
         ConfigError: If there are several.
+        RunFolderError: If no run is finished.
     """
-    tasks = sorted({run.method.task for run in collection.finished})
+    tasks = sorted({run.method.task for run in collection.some_finished()})
     if len(tasks) > 1:
         raise ConfigError(f"runs of several tasks; choose with --task: {', '.join(tasks)}")
-    if not tasks:
-        raise ConfigError("no finished run")
     return tasks[0]
 
 
@@ -131,6 +142,24 @@ def output_folder(path: Path) -> Path:
 
 
 def write(path: Path, content: str | bytes) -> None:
-    """Write one output file and say so."""
-    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    """Write one output file and say so.
+
+    Raises:
+        ConfigError: If it cannot be written.
+    """
+    with writing(path):
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Let the body write one output file, and say so.
+
+    Raises:
+        ConfigError: If it cannot be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror or error}") from None
     print(f"wrote {path}")

@@ -17,6 +17,7 @@ import argparse
 import csv
 import io
 import json
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
@@ -24,7 +25,17 @@ from itertools import groupby
 from typing import Any
 
 from zoac.analysis import cli
-from zoac.analysis.compact_format import EVALUATIONS, KEY, LISTS, METHODS, RUNS, SHARED, TIMES
+from zoac.analysis.compact_format import (
+    EVALUATIONS,
+    KEY,
+    LISTS,
+    METHODS,
+    RUNS,
+    SHARED,
+    TEXTS,
+    TIMES,
+)
+from zoac.analysis.fairness import refuse_mixed
 from zoac.analysis.load import Run, by_method
 
 OF_ONE_RUN = ("seed", "config_hash", "command", "started")
@@ -66,13 +77,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(options: argparse.Namespace) -> None:
-    runs = cli.load_aloud(options.runs, episodes=not options.summary).finished
-    folder = cli.output_folder(options.out)
+    runs = cli.load_aloud(options.runs, episodes=not options.summary).some_finished()
     left_out = LISTS if options.summary else ()
-    evaluated = [] if options.summary else runs
-    cli.write(folder / RUNS, runs_csv(runs, options.digits, left_out))
-    cli.write(folder / EVALUATIONS, evaluations_csv(evaluated, options.every, options.digits))
-    cli.write(folder / METHODS, methods_json(runs))
+    evaluated = () if options.summary else runs
+    files = {
+        RUNS: runs_csv(runs, options.digits, left_out),
+        EVALUATIONS: evaluations_csv(evaluated, options.every, options.digits),
+        METHODS: methods_json(runs),
+    }
+    folder = cli.output_folder(options.out)
+    for name, content in files.items():
+        cli.write(folder / name, content)
 
 
 def runs_csv(runs: Iterable[Run], digits: int | None = None, left_out: Sequence[str] = ()) -> str:
@@ -117,9 +132,14 @@ def _apart(rows: Iterable[Mapping[str, Any]], every: int) -> Iterator[Mapping[st
 
 
 def methods_json(runs: Iterable[Run]) -> str:
-    """Return what run.json says of each method; what several say stands there once."""
+    """Return what run.json says of each method; what several say stands there once.
+
+    Raises:
+        RunFolderError: If seeds of a method differ in their configuration.
+    """
     records = []
     for group in by_method(runs).values():
+        refuse_mixed(group)
         record = {k: v for k, v in group[0].identity.items() if k not in OF_ONE_RUN}
         record["config"] = {k: v for k, v in record["config"].items() if k != "seed"}
         records.append(record)
@@ -148,7 +168,9 @@ def exact(value: Any) -> str:
 
 def rounded(value: Any, digits: int = 6) -> str:
     """Return a cell of so many significant digits."""
-    return f"{value:.{digits}g}" if isinstance(value, float) else json.dumps(value)
+    # JSON has its own words for what is not finite.
+    short = isinstance(value, float) and math.isfinite(value)
+    return f"{value:.{digits}g}" if short else json.dumps(value)
 
 
 def _csv(rows: Sequence[Mapping[str, Any]], number: Callable[[Any], str]) -> str:
@@ -157,16 +179,14 @@ def _csv(rows: Sequence[Mapping[str, Any]], number: Callable[[Any], str]) -> str
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(columns)
     for row in rows:
-        writer.writerow([_cell(row.get(column), number) for column in columns])
+        writer.writerow([_cell(c, row[c], number) if c in row else "" for c in columns])
     return out.getvalue()
 
 
-def _cell(value: Any, number: Callable[[Any], str]) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, str):
-        return value
-    if isinstance(value, list):
+def _cell(column: str, value: Any, number: Callable[[Any], str]) -> str:
+    if column in TEXTS:
+        return value or ""
+    if column in LISTS:
         parts = ((part, len(list(same))) for part, same in groupby(map(number, value)))
         return " ".join(part if times == 1 else f"{part}{TIMES}{times}" for part, times in parts)
     return number(value)

@@ -37,7 +37,17 @@ TABLE2 = (
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What one run had reached within a budget."""
+    """What one run had reached within a budget.
+
+    Args:
+        seed: The run's.
+        costs: Of each episode of that evaluation, (E,).
+        prediction_error: Mean over them.
+        violations: Share of them that violate a constraint; None without constraints.
+        wall_seconds: Until then.
+        compute_seconds: Likewise.
+        choices: What the tuner chose.
+    """
 
     seed: int
     costs: np.ndarray
@@ -65,7 +75,8 @@ class Summary:
         iqm: Interquartile mean of the seeds' costs, and its interval.
         minus_nominal: Mean cost less that of the nominal controller, paired.
         prediction_error: Over seeds.
-        violations: Episodes that violate a constraint, over seeds; None without constraints.
+        violations: Share of its own evaluation's episodes that violate a constraint, over seeds;
+            None without constraints.
         wall_seconds: Over seeds, evaluation included.
         compute_seconds: Likewise, over all processes.
         choices: What its tuner chose in every seed: start, noise model, recommendation, ...
@@ -173,6 +184,7 @@ def compare(
     known = [(s.label, s.scores) for s in summaries if s.scores is not None]
     notes = [
         *_missing_notes(summaries),
+        *_violation_notes([o for group in outcomes.values() for o in group]),
         *_timing_notes([run for group in groups.values() for run in group]),
         *(f"left out {item}" for item in collection.left_out),
     ]
@@ -194,11 +206,12 @@ def outcome(run: Run, budget: int | None = None) -> Outcome:
             raise RunFolderError(f"{run.folder}: no evaluation within {budget} environment steps")
         row = earlier[-1]
     error, violations = row.get("prediction_error"), row.get("violations")
+    costs = np.array(row["cost_per_episode"], dtype=np.float64)
     return Outcome(
         run.seed,
-        np.array(row["cost_per_episode"], dtype=np.float64),
+        costs,
         None if error is None else float(error),
-        None if violations is None else float(violations),
+        None if violations is None else violations / len(costs),
         float(row["wall_seconds"]),
         float(row.get("compute_seconds", "nan")),
         run.identity.get("tuner_choices", {}),
@@ -312,6 +325,17 @@ def _missing_notes(summaries: Sequence[Summary]) -> list[str]:
             which = ", ".join(map(str, s.not_finite))
             notes.append(f"{s.label}: the cost of seed {which} is not finite; nothing is averaged")
     return notes
+
+
+def _violation_notes(outcomes: Sequence[Outcome]) -> list[str]:
+    # Which episodes violate is not logged, so there is no counting anew over the shared ones.
+    numbers = sorted({len(o.costs) for o in outcomes if o.violations is not None})
+    if len(numbers) < 2:
+        return []
+    return [
+        "shares of episodes in violation are over all episodes of each evaluation, "
+        f"{numbers[0]} to {numbers[-1]}, not only the shared ones"
+    ]
 
 
 def _timing_notes(runs: Sequence[Run]) -> list[str]:

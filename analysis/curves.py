@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 from zoac.analysis import cli, style
 from zoac.analysis.fairness import refuse_mixed, refuse_unequal
 from zoac.analysis.labels import METRICS, TASKS, family, method_labels
-from zoac.analysis.load import Collection, Method, Run, by_method
+from zoac.analysis.load import Collection, Method, Run, by_method, numbers
 from zoac.analysis.stats import Scores, interquartile_mean, mean, step_value, summarise
-from zoac.errors import ConfigError, RunFolderError, suggest
+from zoac.errors import ConfigError, suggest
 from zoac.seeding import stream
 
 AXES = ("env_steps", "wall_seconds", "compute_seconds")
@@ -98,9 +98,7 @@ def all_panels(
     """
     if task is not None:
         collection = collection.of_task(*family(task))
-    runs = collection.finished
-    if not runs:
-        raise RunFolderError("no finished run; unfinished ones are not averaged")
+    runs = collection.some_finished()
     panels = []
     # PID-ACC comes first, as in the paper.
     for base in sorted({family(run.method.task)[0] for run in runs}, reverse=True):
@@ -226,13 +224,7 @@ def _curve(
 
 
 def _logged(runs: Any) -> set[str]:
-    rows = [row for run in runs for row in run.metrics]
-    return {
-        name
-        for row in rows
-        for name, value in row.items()
-        if isinstance(value, (int, float)) and not isinstance(value, bool) and name not in AXES
-    }
+    return {name for run in runs for row in run.metrics for name in numbers(row)} - set(AXES)
 
 
 def _prominence(method: Method) -> tuple[bool, bool, str, str, str]:

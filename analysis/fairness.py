@@ -18,7 +18,7 @@ OF_TUNER = ("tuner", "trust", "gate", "scout", "common_episodes")
 
 
 def refuse_mixed(runs: Sequence[Run]) -> None:
-    """Check that runs about to be averaged differ in no setting that moves a number but the seed.
+    """Check that the seeds of a method differ in no setting that moves a number but the seed.
 
     Raises:
         RunFolderError: If they do; the message names each key, its values and their seeds.
@@ -26,16 +26,20 @@ def refuse_mixed(runs: Sequence[Run]) -> None:
     mixed = _differences([(f"seed {run.seed}", _without(_settings(run), "seed")) for run in runs])
     if mixed:
         raise RunFolderError(
-            f"the runs of {runs[0].method} differ in their configuration and are not averaged:"
+            f"the runs of {runs[0].method} differ in their configuration and do not go together:"
             f"{mixed}\nset one group apart with variant=NAME, or move it to another folder"
         )
 
 
-def refuse_unequal(runs: Sequence[Run]) -> None:
+def refuse_unequal(runs: Sequence[Run], *, any_budget: bool = False) -> None:
     """Check that runs about to be compared met the same problem under the same budget.
 
     Tuners may differ, and tasks where the runs are of several; a controller that was not tuned
     has no budget.
+
+    Args:
+        runs: The runs.
+        any_budget: Whether budgets may differ too.
 
     Raises:
         RunFolderError: If they differ in anything else.
@@ -53,13 +57,13 @@ def refuse_unequal(runs: Sequence[Run]) -> None:
         [
             (name, {key: config.get(key) for key in WITHOUT_TUNING})
             for run, (name, config) in zip(runs, named, strict=True)
-            if run.tuned
+            if run.tuned and not any_budget
         ]
     )
     if mixed:
+        terms = "" if any_budget else " under the same budget"
         raise RunFolderError(
-            "these runs did not solve the same problem under the same budget and are not compared:"
-            + mixed
+            f"these runs did not solve the same problem{terms} and are not compared:{mixed}"
         )
 
 

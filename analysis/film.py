@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from zoac.analysis import replay, style
+from zoac.analysis import cli, replay, style
 from zoac.analysis.load import Run
 from zoac.errors import ConfigError, RunFolderError, suggest
 from zoac.segments import Segment
@@ -29,7 +29,8 @@ def write(path: Path, run: Run) -> None:
     """Write a film of the demonstration episode as .gif or, where ffmpeg is installed, .mp4.
 
     Raises:
-        ConfigError: If the suffix is another one, or ffmpeg is needed and missing.
+        ConfigError: If the suffix is another one, ffmpeg is needed and missing, or the file
+            cannot be written.
         RunFolderError: If the run did not log the parameters it began with.
     """
     kinds = (".gif", ".mp4")
@@ -45,8 +46,8 @@ def write(path: Path, run: Run) -> None:
     task = replay.rebuild(run)
     segments = replay.demonstrate(task, [first, run.outcome["parameters"]])
     titles = ("Before tuning", f"After {run.outcome['env_steps']:,} steps")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with style.screen():
+    cli.output_folder(path.parent)
+    with cli.writing(path), style.screen():
         (_write_gif if path.suffix == ".gif" else _write_mp4)(path, frames(task, segments, titles))
 
 

@@ -78,9 +78,14 @@ def sliced(task: Task, run: Run, names: Sequence[str], points: int, episodes: in
     """Return the cost along each named parameter, the others as `run` left them.
 
     Raises:
-        ConfigError: If a parameter is unknown, or a choice, which has no axis.
+        ConfigError: If a parameter is unknown, or a choice, which has no axis; or all are.
     """
     space: ParameterSpace = task.space
+    if not _numbers(space):
+        raise ConfigError(
+            "no parameter has an axis to draw: all are choices "
+            f"({', '.join(space.names)}); expected one that is a number"
+        )
     for name in names:
         if name not in _numbers(space):
             raise ConfigError(f"unknown parameter {name!r}; {suggest(name, _numbers(space))}")

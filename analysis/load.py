@@ -151,6 +151,18 @@ class Collection:
         waiting = (Skipped(r.folder, unfinished(r)) for r in self.runs if r.result is None)
         return (*self.skipped, *waiting)
 
+    def some_finished(self) -> tuple[Run, ...]:
+        """Return the finished runs.
+
+        Raises:
+            RunFolderError: If there is none.
+        """
+        if not self.finished:
+            raise RunFolderError(
+                f"no finished run among {len(self.runs)}; relaunching an unfinished one resumes it"
+            )
+        return self.finished
+
     def of_task(self, *tasks: str) -> Collection:
         """Return the runs of the named tasks, with every skipped folder.
 
@@ -276,6 +288,15 @@ def evaluations_frame(runs: Iterable[Run]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def numbers(record: Mapping[str, Any]) -> dict[str, float]:
+    """Return the entries of `record` that are numbers; True and False are none."""
+    return {
+        key: value
+        for key, value in record.items()
+        if isinstance(value, (int, float)) and not isinstance(value, bool)
+    }
+
+
 def _candidates(folder: Path) -> Iterator[Path]:
     """Yield folders that are runs, or that look as if they should be."""
     is_run = (folder / RUN).is_file()
@@ -314,6 +335,6 @@ def _identity(run: Run) -> dict[str, Any]:
 
 
 def _numbers(record: Mapping[str, Any]) -> dict[str, Any]:
-    numbers = {key: value for key, value in record.items() if isinstance(value, (int, float))}
     parameters = record.get("parameters") or {}
-    return {**numbers, **{f"parameters.{name}": value for name, value in parameters.items()}}
+    named = {f"parameters.{name}": value for name, value in parameters.items()}
+    return {**numbers(record), **named}

@@ -85,6 +85,7 @@ class _Demonstration(Task):
 
     def __init__(self, task: Task) -> None:
         self.space = task.space
+        self.failure_penalty = task.failure_penalty
         self._task = task
 
     def make_env(self, n: int) -> LaneEnv:

@@ -22,7 +22,6 @@ from zoac.analysis.formatting import (
 from zoac.analysis.labels import METRICS, TASKS, family, method_labels
 from zoac.analysis.load import Collection
 from zoac.analysis.selection import chosen
-from zoac.errors import RunFolderError
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,11 +39,10 @@ def _command(options: argparse.Namespace) -> None:
     collection = cli.load_aloud(options.runs)
     if options.variant is not None:
         collection = collection.of_variant(options.variant)
-    tasks = sorted({family(run.method.task)[0] for run in collection.finished}, reverse=True)
     if options.task is not None:
-        collection, tasks = collection.of_task(*family(options.task)), [options.task]
-    if not tasks:
-        raise RunFolderError("no finished run to report on")
+        collection = collection.of_task(*family(options.task))
+    found = {family(run.method.task)[0] for run in collection.some_finished()}
+    tasks = [options.task] if options.task is not None else sorted(found, reverse=True)
     page = report(collection, tasks, replay=not options.no_replay)
     cli.write(cli.output_folder(options.out) / "report.html", page)
 

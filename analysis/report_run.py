@@ -239,9 +239,17 @@ def _health(run: Run) -> str:
         items.append(f"time in the solver {_duration(result['solver_seconds'])}, summed over lanes")
     if "solver_failures" in result:
         items.append(f"solver failures {result['solver_failures']}, tuning and evaluation together")
-    early = sum(row.get("terminations", 0) for row in run.metrics if row["kind"] == "train")
-    items.append(f"episodes that ended early while tuning: {early}")
+    if (early := _terminations(run)) is not None:
+        items.append(f"episodes that ended early while tuning: {early}")
     return text + html.bullets(items)
+
+
+def _terminations(run: Run) -> int | None:
+    """Return how many episodes ended early while tuning; None where nobody counted."""
+    # Older results lack the sum, and compact runs the rows.
+    train = [row for row in run.metrics if row["kind"] == "train" and "terminations" in row]
+    by_rows = sum(row["terminations"] for row in train) if train else None
+    return run.outcome.get("tuning_terminations", by_rows)
 
 
 def _reproduce(run: Run) -> str:

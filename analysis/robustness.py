@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
@@ -23,7 +24,7 @@ from matplotlib.figure import Figure
 from zoac.analysis import cli, replay, style
 from zoac.analysis.formatting import number, pipes
 from zoac.analysis.labels import unit_label
-from zoac.analysis.load import Run
+from zoac.analysis.load import Run, numbers
 from zoac.analysis.selection import chosen
 from zoac.build import NOTES
 from zoac.errors import ConfigError, RunFolderError, suggest
@@ -114,6 +115,8 @@ def _parsed(text: str) -> tuple[str, tuple[float, float]]:
         low, high = (float(part) for part in bounds.split(","))
     except ValueError:
         raise ConfigError(f"--vary {text}: expected NAME=LOW,HIGH") from None
+    if not math.isfinite(high - low):  # so that a number between them can be drawn
+        raise ConfigError(f"--vary {text}: expected finite bounds, a finite distance apart")
     if low > high:
         raise ConfigError(f"--vary {text}: the lower bound must not be above the upper")
     return name, (low, high)
@@ -189,12 +192,10 @@ def on_plant(run: Run, task: Task, values: Mapping[str, float]) -> Task:
 
 def _numbers(node: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
     """Return every number among a task's options by dotted name."""
-    found: dict[str, float] = {}
+    found = {f"{prefix}{key}": float(value) for key, value in numbers(node).items()}
     for key, value in node.items():
         if isinstance(value, Mapping) and key not in ("space", *NOTES):
             found |= _numbers(value, f"{prefix}{key}.")
-        elif isinstance(value, (int, float)) and not isinstance(value, bool):
-            found[f"{prefix}{key}"] = float(value)
     return found
 
 
@@ -287,11 +288,9 @@ def table(varied: Variation | None, around: Sequence[Sensitivity]) -> str:
     if varied is not None:
         for controller, costs in varied.costs.items():
             for k, row in enumerate(costs):
-                plant = [repr(float(values[k])) for values in varied.plants.values()]
-                numbers = (row.mean(), tail_risk(row), row.max())
-                writer.writerow(
-                    ["plant", controller, k, *plant, *(repr(float(v)) for v in numbers)]
-                )
+                plant = [repr(float(drawn[k])) for drawn in varied.plants.values()]
+                values = (row.mean(), tail_risk(row), row.max())
+                writer.writerow(["plant", controller, k, *plant, *(repr(float(v)) for v in values)])
     gaps = [""] * (len(names) + 1)
     for s in around:
         for direction, value in (("below", s.below), ("above", s.above)):

@@ -51,7 +51,7 @@ PAPER = {
 
 COLUMNS = (
     "Method", "Seeds", "Cumulative cost", "Paper's", "Prediction error", "Paper's",
-    "Episodes in violation",
+    "Share of episodes in violation",
     "Wall time [s]", "Compute time [s]", "Paper's tuning time [s]",
 )  # fmt: skip
 STATISTICS = (
@@ -80,7 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--seeds", type=cli.seeds, metavar="0-4", help="the seeds each method should have"
     )
-    parser.add_argument("--bootstrap-seed", type=int, default=0, metavar="SEED")
+    parser.add_argument("--bootstrap-seed", type=cli.seed, default=0, metavar="SEED")
     return cli.guarded(_command, parser, argv)
 
 
@@ -143,7 +143,7 @@ def latex(comparison: Comparison) -> str:
 
 
 def csv(comparison: Comparison) -> str:
-    """Return one row per method with every number at full precision."""
+    """Return one row per method with every number at full precision; violations are shares."""
     frame = pd.DataFrame([_record(s) for s in comparison.summaries])
     return frame.to_csv(index=False, lineterminator="\n")
 

@@ -63,7 +63,6 @@ def _command(options: argparse.Namespace) -> None:
 
         run = chosen(collection, options.tuner, options.seed)[0]
         film.write(options.animate, run)
-        print(f"wrote {options.animate}")
         return
     runs = chosen(collection, options.tuner, options.seed)
     task = replay.rebuild(runs[0])

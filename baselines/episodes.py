@@ -30,8 +30,9 @@ class EpisodeTuner(Tuner):
     them over the lanes, remembers the best single episodes, and re-evaluates them if asked to.
 
     A cost that is not finite becomes the worst finite cost so far plus the range of the costs so
-    far, before `_learn` sees it. Batches that come before any finite cost is known wait for one.
-    An episode with such a cost is never a best one.
+    far, before `_learn` sees it. Batches that come before any finite cost is known wait for one, or
+    are told `UNKNOWN_WORST` where the method cannot wait (`_can_wait`). An episode with such a cost
+    is never a best one.
     """
 
     def __init__(

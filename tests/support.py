@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -106,6 +108,55 @@ class RaisingTask(CountingTask):
         return _Raising()
 
 
+class TwoFacedError(Exception):
+    """Does not survive a pickle."""
+
+    def __init__(self, what: str, where: str) -> None:
+        super().__init__(f"{what} at {where}")
+
+
+class _BrokenLanes(CountingLanes):
+    def __init__(self, n: int, error: Exception) -> None:
+        super().__init__(n, 7, None)
+        self._error = error
+
+    def _advance(self, actions: np.ndarray) -> Any:
+        raise self._error
+
+
+class BrokenPlantTask(CountingTask):
+    """Its environment raises at every step or, if told so, cannot even be made."""
+
+    def __init__(self, kind: str, at_start: bool = False) -> None:
+        super().__init__()
+        self._kind, self._at_start = kind, at_start
+
+    def make_env(self, n: int) -> CountingLanes:
+        error = {
+            "system": ConnectionError("the bench does not answer"),
+            "two-faced": TwoFacedError("sparks", "the bench"),
+        }[self._kind]
+        if self._at_start:
+            raise error
+        return _BrokenLanes(n, error)
+
+
+class _LockedLanes(CountingLanes):
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.lock = threading.Lock()
+
+    def state(self, lanes: Any) -> Any:
+        return super().state(lanes), self.lock
+
+
+class LockedTask(CountingTask):
+    """The state of its lanes is taken by no pickle."""
+
+    def make_env(self, n: int) -> CountingLanes:
+        return _LockedLanes(n, *self._options)
+
+
 class _Slow(EchoController):
     def act(self, params: Any, obs: np.ndarray, memory: Any) -> Any:
         time.sleep(SlowTask.seconds)
@@ -119,6 +170,29 @@ class SlowTask(CountingTask):
 
     def make_controller(self) -> EchoController:
         return _Slow()
+
+
+class _Waiting(EchoController):
+    def __init__(self, sign: Path) -> None:
+        self._sign = sign
+
+    def act(self, params: Any, obs: np.ndarray, memory: Any) -> Any:
+        for _ in range(3000):
+            if self._sign.exists():
+                return super().act(params, obs, memory)
+            time.sleep(0.01)
+        raise TimeoutError("nobody gave the sign")
+
+
+class WaitingTask(CountingTask):
+    """Its controller acts once a file exists."""
+
+    def __init__(self, sign: Path) -> None:
+        super().__init__()
+        self._sign = sign
+
+    def make_controller(self) -> EchoController:
+        return _Waiting(self._sign)
 
 
 class _Suicidal(EchoController):

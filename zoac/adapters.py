@@ -73,6 +73,29 @@ class ScalarController:
         return np.stack(actions), {"controller": following} if self._remembers else {}, {}
 
 
+class WithFixed:
+    """A batched `Controller` that gets parameters beside the tuned ones, alike in every lane."""
+
+    def __init__(self, controller: Controller, fixed: Mapping[str, float]) -> None:
+        """
+        Args:
+            controller: The controller.
+            fixed: What it gets, by name.
+        """
+        self._controller, self._fixed = controller, dict(fixed)
+
+    def init(self, n: int) -> Memory:
+        """See `Controller.init`."""
+        return self._controller.init(n)
+
+    def act(
+        self, params: Parameters, obs: np.ndarray, memory: Memory
+    ) -> tuple[np.ndarray, Memory, Diagnostics]:
+        """See `Controller.act`."""
+        fixed = {name: np.full(len(obs), value) for name, value in self._fixed.items()}
+        return self._controller.act({**params, **fixed}, obs, memory)
+
+
 class UserTask(Task):
     """A task from a user's environment, controller and bounds."""
 
@@ -124,7 +147,7 @@ class UserTask(Task):
     def make_controller(self) -> Controller:
         """Return the user's controller."""
         if hasattr(self._controller, "init") and hasattr(self._controller, "act"):
-            return self._controller
+            return WithFixed(self._controller, self.fixed) if self.fixed else self._controller
         return ScalarController(self._controller, self.fixed, self.space)
 
     def env_action(self, action: np.ndarray) -> Any:
@@ -170,12 +193,15 @@ def user_task(
             paths, by name.
         constraints: What must hold at every step: `Constraint`s, or functions likewise.
         max_episode_steps: Cut episodes here; needed if the environment does not end by itself.
-        plant: Attributes of the innermost environment, and the numbers they are set to.
+        plant: Attributes of the innermost environment, and the numbers they are set to before
+            every reset.
         vary: Likewise, and the range from which every episode draws.
 
     Raises:
         ConfigError: If any of them cannot be used.
     """
+    if max_episode_steps is not None and max_episode_steps < 1:
+        raise ConfigError(f"max_episode_steps={max_episode_steps}: expected 1 or more")
     if isinstance(env, str) and _DOTTED.fullmatch(env):
         env = locate(env, "env")
     if isinstance(controller, str):
@@ -188,6 +214,8 @@ def user_task(
             "a method of that name"
         )
     parsed, fixed, starts = parse_space(space)
+    if not isinstance(start, Mapping | None):
+        raise ConfigError(f"start={start!r}: expected values by name, such as {{'kp': 1.0}}")
     starts = {**starts, **(start or {})}
     if starts:
         parsed.unit(starts)  # says what is wrong with a start value
@@ -210,13 +238,26 @@ _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
 
 def _named(given: Sequence[Any] | Mapping[str, Any], kind: Any, where: str) -> list[Any]:
     """Return metrics or constraints from functions or dotted paths by name."""
-    if not isinstance(given, Mapping):
-        return list(given)
-    located = {
-        name: locate(value, f"{where}.{name}") if isinstance(value, str) else value
-        for name, value in given.items()
-    }
-    return [v if isinstance(v, kind) else kind(name, v) for name, v in located.items()]
+    if isinstance(given, Mapping):
+        located = {
+            name: locate(value, f"{where}.{name}") if isinstance(value, str) else value
+            for name, value in given.items()
+        }
+        found = [v if isinstance(v, kind) else kind(name, v) for name, v in located.items()]
+    else:
+        several = isinstance(given, Sequence) and not isinstance(given, str)
+        found = list(given) if several else [given]
+        for value in found:
+            if not isinstance(value, kind):
+                raise ConfigError(
+                    f"{where}: {value!r} is no {kind.__name__}; give functions by name, such as "
+                    f"{where}={{'my_name': function}}"
+                )
+    names = [value.name for value in found]
+    repeated = {name for name in names if names.count(name) > 1}
+    if repeated:
+        raise ConfigError(f"{where}: names must differ; repeated: {', '.join(sorted(repeated))}")
+    return found
 
 
 def parse_space(
@@ -234,29 +275,43 @@ def parse_space(
     """
     if isinstance(space, ParameterSpace):
         return space, {}, {}
+    if not isinstance(space, Mapping):
+        raise ConfigError(f"space={space!r}: expected bounds by name, such as {{'kp': (0, 5)}}")
     parameters: list[Parameter] = []
     fixed: dict[str, float] = {}
     start: dict[str, Any] = {}
     for name, entry in space.items():
-        if isinstance(entry, (int, float)):
+        where = f"space[{name!r}]"
+        if isinstance(entry, (int, float, np.number)):
             fixed[name] = float(entry)
         elif isinstance(entry, Mapping):
-            entry = dict(entry)
-            if "start" in entry:
-                given = entry.pop("start")
-                start[name] = given if "choices" in entry else float(given)
-            parameters.append(_parameter(name, entry))
+            fields = dict(entry)
+            if "start" in fields:
+                given = fields.pop("start")
+                start[name] = given if "choices" in fields else _number(given, f"{where}.start")
+            parameters.append(_parameter(name, fields))
         elif isinstance(entry, Sequence) and not isinstance(entry, str):
+            if len(entry) > len(_FIELDS):
+                raise ConfigError(
+                    f"{where}={entry!r}: expected at most {', '.join(_FIELDS)}; a start value goes "
+                    f"into a dict, such as {{'low': 0, 'high': 5, 'start': 1}}"
+                )
             parameters.append(_parameter(name, dict(zip(_FIELDS, entry, strict=False))))
         else:
             raise ConfigError(
-                f"space[{name!r}]={entry!r}: expected (low, high), (low, high, 'log'), a dict or "
-                "a number"
+                f"{where}={entry!r}: expected (low, high), (low, high, 'log'), a dict or a number"
             )
     return ParameterSpace(parameters), fixed, start
 
 
 _FIELDS = ("low", "high", "scale", "unit")
+
+
+def _number(given: Any, where: str) -> float:
+    try:
+        return float(given)
+    except (TypeError, ValueError):
+        raise ConfigError(f"{where}={given!r}: expected a number") from None
 
 
 def _parameter(name: str, fields: Mapping[str, Any]) -> Parameter:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,12 +14,13 @@ from typing import Any
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
-from zoac import build
+from zoac import build, records
 from zoac.adapters import EnvSource, UserTask, user_task
 from zoac.config import GROUPS, compose_config, resolved
 from zoac.errors import ConfigError, suggest
 from zoac.gymnasium_lanes import Bounds
 from zoac.parameters import ParameterSpace
+from zoac.records import TASK
 from zoac.results import Result, keep_task, result_of
 from zoac.runlog import Console
 from zoac.session import Run, execute
@@ -72,6 +75,7 @@ def tune(
     episodes: int = 10,
     final_episodes: int = 20,
     folder: str | Path | None = None,
+    resume: str = "auto",
     quiet: bool = False,
 ) -> Result:
     """Tune a controller in a simulator; return the best parameters found.
@@ -112,12 +116,16 @@ def tune(
         eval_every: Steps between evaluations; None: a tenth of the budget.
         episodes: Evaluation episodes during tuning.
         final_episodes: Evaluation episodes of the final figure.
-        folder: Run folder; None: a new temporary one. A stopped run goes on.
+        folder: Run folder; None: a new temporary one.
+        resume: What becomes of a run in that folder: "auto" (it goes on if its settings and the
+            names of environment and controller are these, and is returned if it is done), "never",
+            "overwrite".
         quiet: Print nothing.
 
     Raises:
         ConfigError: If something given cannot be used.
         ControllerError: If the controller raises or returns what is not a finite action.
+        RunFolderError: If `folder` holds another run.
     """
     options_of_task = {
         "start": start,
@@ -129,12 +137,15 @@ def tune(
     }
     the_task = _task(task, env, controller, space, options_of_task)
     built_in = [f"task={task}"] if isinstance(task, str) else []
-    config = compose_config([f"tuner={tuner}", f"executor={executor}", *built_in])
+    chosen = [f"tuner={tuner}", f"executor={executor}", f"resume={resume}", *built_in]
+    config = compose_config(chosen)
     if not built_in:
         OmegaConf.set_struct(config, False)
         config.task["tuned_for"] = dict(the_task.tuned_for)  # not the default task's
     options = dict(tuner_options or {})
-    if start is not None:
+    if isinstance(task, Task):
+        the_task = copy(task)  # the caller's stays as it is
+    if start is not None and task is not None:
         the_task.nominal = dict(start)
     told = start is not None or (isinstance(the_task, UserTask) and the_task.nominal is not None)
     if told and "start" in config.tuner:
@@ -142,22 +153,20 @@ def tune(
     _set(config, "tuner", options, f"tuner {tuner!r}")
     config.seed, config.lanes = _whole("seed", seed), _whole("lanes", lanes)
     config.budget = _whole("budget", budget)
-    config.trust, config.gate, config.failure_penalty = trust, gate, failure_penalty
+    for name, value in (("trust", trust), ("gate", gate), ("failure_penalty", failure_penalty)):
+        config[name] = _number(name, value)
     config.scout = None if scout is None else _whole("scout", scout)
     config.common_episodes = common_episodes or None
     if failure_penalty is not None:
         the_task.failure_penalty = failure_penalty
-    config.eval_every = _whole("eval_every", eval_every or max(1, config.budget // 10))
+    every = max(1, config.budget // 10) if eval_every is None else eval_every
+    config.eval_every = _whole("eval_every", every)
     config.evaluation.episodes = _whole("episodes", episodes)
     config.evaluation.final_episodes = _whole("final_episodes", final_episodes)
     plain = resolved(config)
     name = task if isinstance(task, str) else type(the_task).__name__
     if not isinstance(task, str):
-        plain["task"] = {
-            "space": [str(p) for p in the_task.space.parameters],
-            "fixed": dict(the_task.fixed),
-            **{k: dict(v) for k, v in (("plant", plant or {}), ("vary", vary or {})) if v},
-        }
+        plain["task"] = _identity(the_task, task or env, controller, options_of_task)
     settings = replace(build.build_settings(plain), compare_start=True)
     run = Run(
         identity={"task": name, "tuner": tuner, "seed": config.seed},
@@ -168,10 +177,11 @@ def tune(
         executor=build.build_executor(plain),
         settings=settings,
         sinks=[] if quiet else [Console(config.budget)],
+        quiet=quiet,
     )
     where = Path(folder) if folder is not None else Path(tempfile.mkdtemp(prefix="zoac-"))
     result = execute(run, where)
-    if not isinstance(task, str):
+    if not isinstance(task, str) and not (where / TASK).exists():
         keep_task(the_task, where)
     return result_of(result, the_task.fixed, where, the_task)
 
@@ -194,6 +204,43 @@ def _task(
     if env is None or controller is None or space is None:
         raise ConfigError("tune needs a task, or all of env, controller and space")
     return user_task(env=env, controller=controller, space=space, **options)
+
+
+def _identity(
+    task: Task, source: Any, controller: Any, options: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return what tells a task without a YAML file from others, as plain data.
+
+    Code is known by its name only: an edit that keeps the names is not noticed.
+    """
+    told = {
+        "source": _name(source),
+        "controller": None if controller is None else _name(controller),
+        "space": [str(p) for p in task.space.parameters],
+        "fixed": dict(task.fixed),
+        "start": dict(task.nominal or {}),
+        "metrics": [metric.name for metric in task.metrics],
+        "constraints": [constraint.name for constraint in task.constraints],
+        "max_episode_steps": options["max_episode_steps"],
+        "plant": dict(options["plant"] or {}),
+        "vary": {name: list(bounds) for name, bounds in (options["vary"] or {}).items()},
+    }
+    plain: dict[str, Any] = json.loads(json.dumps(told, default=records.plain))
+    return {key: value for key, value in plain.items() if value or key == "fixed"}
+
+
+def _name(thing: Any) -> str:
+    """Return the name of a class or function, or of an object's class; a string is its own."""
+    if isinstance(thing, str):
+        return thing
+    named = thing if hasattr(thing, "__qualname__") else type(thing)
+    return f"{named.__module__}.{named.__qualname__}"
+
+
+def _number(name: str, value: Any) -> float | None:
+    if value is None or (isinstance(value, (int, float, np.number)) and value is not True):
+        return None if value is None else float(value)
+    raise ConfigError(f"{name}={value!r}: expected a number or None")
 
 
 def _whole(name: str, value: Any) -> int:

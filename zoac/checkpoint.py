@@ -66,7 +66,10 @@ class _DamagedError(Exception):
 
 
 def _read(path: Path) -> Any:
-    line, _, body = path.read_bytes().partition(b"\n")
+    try:
+        line, _, body = path.read_bytes().partition(b"\n")
+    except OSError as error:
+        raise _DamagedError(f"cannot be read ({error.strerror})") from None
     try:
         header = json.loads(line)
         version, checksum = header["format"], header["sha256"]

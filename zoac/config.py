@@ -119,6 +119,7 @@ def compose_config(overrides: Sequence[str]) -> DictConfig:
     Raises:
         ConfigError: If an override names nothing, or has a value of the wrong type.
     """
+    overrides = with_whole_steps(overrides)
     check_overrides(overrides)
     try:
         with _hydra():
@@ -134,6 +135,21 @@ def _hydra() -> Iterator[GlobalHydra]:
     know_own_conf()
     with initialize_config_module(CONFIG_MODULE, version_base="1.3"):
         yield GlobalHydra.instance()
+
+
+def with_whole_steps(overrides: Sequence[str]) -> list[str]:
+    """Return the overrides with numbers of steps such as 5e4 written out, as their type wants."""
+    return [_STEPS.sub(_written_out, text) for text in overrides]
+
+
+_STEPS = re.compile(r"(?<=[=,])\d+(?:\.\d+)?[eE]\+?\d+(?=,|$)")
+_COUNTS_STEPS = re.compile(r"\+*(budget|eval_every)=")
+
+
+def _written_out(found: re.Match[str]) -> str:
+    number = float(found[0])
+    counts = _COUNTS_STEPS.match(found.string) and number.is_integer()
+    return str(int(number)) if counts else found[0]
 
 
 def check_overrides(overrides: Sequence[str]) -> None:
@@ -181,7 +197,7 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
     if isinstance(error, OverrideParseException):
         return f"cannot read the override {error.override!r}: {text}; write key=value"
     if found := re.search(r"override (.*)\n.* is not a subclass of EvaluationSchema", text):
-        return f"{found[1]}: expected a group of keys; {_siblings('evaluation.')}"
+        return f"{found[1]}: expected a group of keys; {_siblings('evaluation.', overrides)}"
     if found := re.search(r"Value (.*) of type '.*' could not be converted to (\w+)", text):
         kind = {"Integer": "a whole number (Integer)", "Float": "a number"}.get(found[2], found[2])
         written = re.search(r"Error merging override (.*)", text)
@@ -200,7 +216,7 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
     for override in overrides:
         key = override.lstrip("+~").partition("=")[0]
         if f"override '{key}'" in text and "To append to your config" in text:
-            return f"unknown key {key!r} in {override!r}; {_siblings(key)}"
+            return f"unknown key {key!r} in {override!r}; {_siblings(key, overrides)}"
     if found := re.search(r"Could not (?:find|load) '(?:hydra/)?(\w+)/(\S*)'", text):
         group = found[0].split("'")[1].removesuffix(f"/{found[2]}")
         return f"unknown {group} {found[2]!r}; {suggest(found[2], _choices(group))}"
@@ -213,20 +229,29 @@ def _internal(line: str) -> bool:
     )
 
 
-def _siblings(key: str) -> str:
-    """Return the hint that lists what stands beside `key` in the default configuration."""
+def _siblings(key: str, overrides: Sequence[str]) -> str:
+    """Return the hint that lists what stands beside `key` where the same choices are made."""
     parent, _, name = key.rpartition(".")
+    pairs = [text.partition("=") for text in overrides]
+    choices = [f"{group}={_first_of(value)}" for group, _, value in pairs if group in GROUPS]
     try:
         with _hydra():
-            node = OmegaConf.select(compose("run"), parent) if parent else compose("run")
-    except HydraException:
+            config = compose("run", overrides=choices, return_hydra_config=True)
+    except Exception:  # a choice may be wrong as well, in any of the ways that Hydra knows
         return "see --help"
+    node = OmegaConf.select(config, parent) if parent else config
     names = [str(name) for name in node] if isinstance(node, DictConfig) else []
     known = [name for name in names if name[0] != "_" and name not in NOT_OF_THE_RUN]
     prefix = f"{parent}." if parent else ""
     if parent in GROUPS and not known:
-        return f"the default {parent} has no keys; choices: {', '.join(_choices(parent))}"
+        chosen = config.hydra.runtime.choices[parent]
+        return f"{parent}={chosen} has no keys; choices: {', '.join(_choices(parent))}"
     return suggest(prefix + name, [f"{prefix}{name}" for name in known])
+
+
+def _first_of(value: str) -> str:
+    """Return the first of the values that a sweep goes through."""
+    return value.partition(",")[0]
 
 
 def _choices(group: str) -> list[str]:

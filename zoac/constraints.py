@@ -29,8 +29,11 @@ def excess(segment: Segment, constraints: Sequence[Constraint]) -> np.ndarray:
     """Return by how much each constraint is violated at each step, (T, C); 0 where it holds.
 
     What is not finite counts as a violation without bound.
+
+    Raises:
+        ConfigError: If a constraint does not return one number per step.
     """
-    values = np.stack([np.asarray(c.per_step(segment), np.float64) for c in constraints], axis=1)
+    values = np.stack([c.values(segment).astype(np.float64) for c in constraints], axis=1)
     return np.where(np.isfinite(values), np.maximum(values, 0.0), np.inf)
 
 

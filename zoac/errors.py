@@ -27,6 +27,10 @@ class ControllerError(ZoacError):
     """A controller raised, or returned actions of the wrong shape or not finite."""
 
 
+class WorkerError(ZoacError):
+    """A worker died again and again on the same work, or died and its lanes cannot be put back."""
+
+
 class EnvironmentContractError(ZoacError):
     """An environment broke the rules of Gymnasium's interface."""
 

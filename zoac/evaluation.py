@@ -32,7 +32,11 @@ def evaluation_row(
     metrics: Sequence[Metric],
     constraints: Sequence[Constraint] = (),
 ) -> dict[str, Any]:
-    """Return the numbers of an evaluation, with undiscounted plain costs."""
+    """Return the numbers of an evaluation, with undiscounted plain costs.
+
+    Raises:
+        ConfigError: If a metric or constraint does not return one number per step.
+    """
     costs = np.array([s.costs.sum() for s in segments])
     row: dict[str, Any] = {
         "cost_mean": float(costs.mean()),
@@ -43,6 +47,12 @@ def evaluation_row(
         **violations(segments, constraints),
     }
     for metric in metrics:
-        values = np.concatenate([np.asarray(metric.per_step(s)) for s in segments])
-        row[metric.name] = float(values.mean()) if metric.reduce == "mean" else int(values.sum())
+        values = np.concatenate([metric.values(s) for s in segments])
+        row[metric.name] = float(values.mean()) if metric.reduce == "mean" else _sum(values)
     return row
+
+
+def _sum(values: np.ndarray) -> int | float:
+    """Return the sum of values (T,); counts stay whole numbers."""
+    whole = np.all(np.isfinite(values)) and np.all(values == np.floor(values))
+    return int(values.sum()) if whole else float(values.sum())

@@ -108,4 +108,5 @@ class Serial(Executor):
 
     def close(self) -> None:
         """See `Executor.close`."""
-        self._host.close()
+        if hasattr(self, "_host"):  # `start` may have failed
+            self._host.close()

@@ -23,20 +23,28 @@ def export(parameters: Mapping[str, Any], path: str | Path, units: Mapping[str, 
     Every number is written with as many digits as bring the same double back.
 
     Args:
-        parameters: Physical values by name: numbers, or options of a choice.
+        parameters: Physical values by name: numbers, or options of a choice. A name that C, C++ or
+            MATLAB cannot take becomes one that it can: `c-f` is `c_f`, `end` is `end_`.
         path: `.yaml` or `.yml`, `.json`, `.h` (C and C++), `.m` (a MATLAB function that returns a
             struct).
         units: By name, for comments; names without one are left out.
 
     Raises:
-        ConfigError: If the suffix is unknown, or two names become one identifier.
+        ConfigError: If the suffix is unknown, two names become one identifier, a value has no
+            literal in that language, or the file cannot be written.
     """
     path = Path(path)
     writer = FORMATS.get(path.suffix)
     if writer is None:
         raise ConfigError(f"export to {path.name!r}: {suggest(path.suffix, FORMATS)}")
     text = writer(parameters, {k: u for k, u in units.items() if u}, path.stem)
-    records.write_atomically(path, text.encode())
+    try:
+        records.write_atomically(path, text.encode())
+    except OSError as error:
+        raise ConfigError(
+            f"export to {str(path)!r}: {error.strerror}; choose a folder that is there and can be "
+            "written to"
+        ) from None
     return path
 
 
@@ -60,7 +68,7 @@ def _pointed(number: str) -> str:
 def _header(parameters: Mapping[str, Any], units: Mapping[str, str], stem: str) -> str:
     guard = f"{_identifier(stem).upper()}_H"
     lines = [f"#ifndef {guard}", f"#define {guard}", ""]
-    for identifier, (name, value) in zip(_identifiers(parameters), parameters.items(), strict=True):
+    for identifier, name, value in _entries(parameters):
         kind = "double"
         if isinstance(value, str):
             kind, literal = "char *const", json.dumps(value, ensure_ascii=True)
@@ -75,7 +83,7 @@ def _header(parameters: Mapping[str, Any], units: Mapping[str, str], stem: str) 
 
 def _matlab(parameters: Mapping[str, Any], units: Mapping[str, str], stem: str) -> str:
     lines = [f"function parameters = {_identifier(stem)}()"]
-    for identifier, (name, value) in zip(_identifiers(parameters), parameters.items(), strict=True):
+    for identifier, name, value in _entries(parameters):
         if isinstance(value, str):
             literal = "'{}'".format(value.replace("'", "''"))
         else:
@@ -97,23 +105,46 @@ def _comment(mark: str, name: str, units: Mapping[str, str]) -> str:
     return f"{mark}{units[name]}" if name in units else ""
 
 
-def _identifiers(parameters: Mapping[str, Any]) -> list[str]:
-    """Return one identifier a name.
+def _entries(parameters: Mapping[str, Any]) -> list[tuple[str, str, Any]]:
+    """Return each parameter as (identifier, name, value).
 
     Raises:
-        ConfigError: If two names become the same.
+        ConfigError: If two identifiers are the same, or a value is no text, number or bool.
     """
-    found = [_identifier(name) for name in parameters]
-    doubled = [name for name, i in zip(parameters, found, strict=True) if found.count(i) > 1]
+    found = [(_identifier(name), name, value) for name, value in parameters.items()]
+    identifiers = [identifier for identifier, _, _ in found]
+    doubled = [name for identifier, name, _ in found if identifiers.count(identifier) > 1]
     if doubled:
         raise ConfigError(f"the names {', '.join(doubled)} are one identifier; rename one")
+    for _, name, value in found:
+        if not isinstance(value, (str, int, float)):
+            raise ConfigError(
+                f"parameter {name!r}: {value!r} has no literal in C or MATLAB; expected a number, "
+                "text or a bool; export to .json or .yaml"
+            )
     return found
 
 
 def _identifier(name: str) -> str:
-    """Return `name` as C and MATLAB allow it."""
+    """Return `name` as C, C++ and MATLAB allow it."""
     word = re.sub(r"\W", "_", name, flags=re.ASCII)
-    return word if re.match(r"[A-Za-z]", word) else f"p{word}"
+    word = word if re.match(r"[A-Za-z]", word) else f"p{word}"
+    return f"{word}_" if word in _KEYWORDS else word
+
+
+# C23 and C++23, without those that begin with an underscore; then what only MATLAB's iskeyword has.
+_WORDS = """
+    alignas alignof and and_eq asm auto bitand bitor bool break case catch char char8_t char16_t
+    char32_t class co_await co_return co_yield compl concept const const_cast consteval constexpr
+    constinit continue decltype default delete do double dynamic_cast else enum explicit export
+    extern false float for friend goto if inline int long mutable namespace new noexcept not not_eq
+    nullptr operator or or_eq private protected public register reinterpret_cast requires restrict
+    return short signed sizeof static static_assert static_cast struct switch template this
+    thread_local throw true try typedef typeid typename typeof typeof_unqual union unsigned using
+    virtual void volatile wchar_t while xor xor_eq
+    classdef elseif end function global otherwise parfor persistent spmd
+"""
+_KEYWORDS = frozenset(_WORDS.split())
 
 
 class TunedController:

@@ -9,12 +9,17 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
+from gymnasium.wrappers import TimeLimit
 
 from zoac.environment import LaneEnv
 from zoac.errors import ConfigError, EnvironmentContractError, suggest
 from zoac.seeding import stream
 
 Bounds = tuple[float, float] | list[float]
+
+LONGEST_EPISODE = 50_000
+"""Steps after which an episode that nothing limits is an error: the whole budget of `zoac.tune`,
+unless told otherwise. An environment that never ends would never come back."""
 
 
 class GymnasiumLanes(LaneEnv):
@@ -34,8 +39,10 @@ class GymnasiumLanes(LaneEnv):
         """
         Args:
             envs: One environment a lane.
-            max_episode_steps: Cut episodes here; None: where the environment's own limit does.
-            plant: Attributes of the innermost environment, and the numbers they are set to.
+            max_episode_steps: Cut episodes here; None: where the environment's own limit does. An
+                environment without either must end by itself within `LONGEST_EPISODE` steps.
+            plant: Attributes of the innermost environment, and the numbers they are set to before
+                every reset.
             vary: Likewise, and the range (low, high) from which every episode draws uniformly.
 
         Raises:
@@ -59,12 +66,13 @@ class GymnasiumLanes(LaneEnv):
             raise ConfigError(
                 f"the environment's actions are {first.action_space}; expected a Box or Discrete"
             )
-        limit = max_episode_steps or (first.spec.max_episode_steps if first.spec else None)
+        limit = max_episode_steps or _own_limit(first)
         super().__init__(len(envs), observations, actions, limit or np.iinfo(np.int64).max)
+        self._unlimited = limit is None
         self._envs = list(envs)
-        for name, value in (plant or {}).items():
-            for env in self._envs:
-                _set_plant(env, name, float(value))
+        self._plant = {name: float(value) for name, value in (plant or {}).items()}
+        for env in self._envs:
+            _set_plant(env, self._plant)
         self._vary = {name: _range(name, bounds) for name, bounds in (vary or {}).items()}
         self._draws: list[np.random.Generator] = [np.random.default_rng(0) for _ in envs]
         self._seen = np.zeros((len(envs), size))
@@ -75,7 +83,13 @@ class GymnasiumLanes(LaneEnv):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """See `LaneEnv.reset`."""
+        """See `LaneEnv.reset`.
+
+        Raises:
+            ConfigError: If the environment's reset puts its own number where `plant` or `vary` put
+                another.
+            EnvironmentContractError: If it breaks the rules of Gymnasium's interface.
+        """
         options = dict(options or {})
         mask = options.pop("reset_mask", None)
         if isinstance(seed, (int, np.integer)):
@@ -89,10 +103,12 @@ class GymnasiumLanes(LaneEnv):
             short = None if lane_seed is None else int(lane_seed) % 2**31
             if lane_seed is not None and self._vary:
                 self._draws[lane] = stream(int(lane_seed), "plant")
-            for name, (low, high) in self._vary.items():
-                _set_plant(self._envs[lane], name, float(self._draws[lane].uniform(low, high)))
+            drawn = {k: float(self._draws[lane].uniform(*ends)) for k, ends in self._vary.items()}
+            # Before the reset, whose start may depend on them; its step may have changed them.
+            _set_plant(self._envs[lane], self._plant | drawn)
             result = self._envs[lane].reset(seed=short, options=options or None)
             observation, _ = _parts(result, "reset", ("observation", "info"))
+            _check_plant(self._envs[lane], self._plant | drawn)
             self._see(lane, observation)
             self._steps[lane] = 0
         return self._seen.copy(), {}
@@ -100,7 +116,12 @@ class GymnasiumLanes(LaneEnv):
     def step(
         self, actions: np.ndarray, mask: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """See `LaneEnv.step`."""
+        """See `LaneEnv.step`.
+
+        Raises:
+            ConfigError: If an episode that nothing limits does not end.
+            EnvironmentContractError: If the environment breaks the rules of Gymnasium's interface.
+        """
         n = self.num_envs
         cost, terminated, truncated = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
         for lane in range(n) if mask is None else np.flatnonzero(mask).tolist():
@@ -117,6 +138,12 @@ class GymnasiumLanes(LaneEnv):
             self._steps[lane] += 1
             over_time = self._steps[lane] >= self.max_episode_steps
             truncated[lane] = (cut or over_time) and not terminated[lane]
+            too_long = self._unlimited and self._steps[lane] >= LONGEST_EPISODE
+            if too_long and not (terminated[lane] or truncated[lane]):
+                raise ConfigError(
+                    f"an episode has not ended after {LONGEST_EPISODE:,} steps; the environment "
+                    "needs a time limit: give max_episode_steps"
+                )
         return self._seen.copy(), -cost, terminated, truncated, {"cost": cost}
 
     def _see(self, lane: int, observation: Any) -> None:
@@ -172,15 +199,41 @@ def env_action(space: gymnasium.Space, action: np.ndarray) -> Any:
     return np.clip(action.reshape(space.shape), space.low, space.high).astype(space.dtype)
 
 
-def _set_plant(env: gymnasium.Env, name: str, value: float) -> None:
+def _own_limit(env: gymnasium.Env) -> int | None:
+    """Return the time limit that an environment brings along, if it has one."""
+    limits = [env.spec.max_episode_steps] if env.spec else []
+    while isinstance(env, gymnasium.Wrapper):
+        if isinstance(env, TimeLimit):
+            limits.append(env._max_episode_steps)
+        env = env.env
+    return min((limit for limit in limits if limit is not None), default=None)
+
+
+def _set_plant(env: gymnasium.Env, plant: Mapping[str, float]) -> None:
     inner = env.unwrapped
-    present = getattr(inner, name, None)
-    if not isinstance(present, (int, float, np.number)):
-        numbers = [k for k, v in vars(inner).items() if isinstance(v, (int, float, np.number))]
-        raise ConfigError(
-            f"{type(inner).__name__} has no number {name!r} to set; {suggest(name, numbers)}"
-        )
-    setattr(inner, name, value)
+    for name, value in plant.items():
+        if not isinstance(getattr(inner, name, None), _NUMBERS):
+            numbers = [k for k, v in vars(inner).items() if isinstance(v, _NUMBERS)]
+            raise ConfigError(
+                f"{type(inner).__name__} has no number {name!r} to set; {suggest(name, numbers)}"
+            )
+        setattr(inner, name, value)
+
+
+def _check_plant(env: gymnasium.Env, plant: Mapping[str, float]) -> None:
+    """See that the numbers that were set before a reset are still there after it."""
+    inner = env.unwrapped
+    for name, value in plant.items():
+        found = getattr(inner, name, None)
+        # Not to the last bit: an environment may keep it in single precision.
+        if not (isinstance(found, _NUMBERS) and np.isclose(found, value, rtol=1e-6, atol=0.0)):
+            raise ConfigError(
+                f"{type(inner).__name__}.reset sets {name!r} to {found!r} itself, so it cannot be "
+                f"set to {value:g} by plant or vary; set it in __init__, and let reset read it"
+            )
+
+
+_NUMBERS = (int, float, np.number)
 
 
 def _range(name: str, bounds: Bounds) -> tuple[float, float]:

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+from zoac.errors import RunFolderError
+
 
 class HeldError(Exception):
     """Another process holds the lock."""
@@ -24,6 +26,7 @@ def locked(path: Path, wait: bool = False) -> Iterator[None]:
 
     Raises:
         HeldError: If another process holds it, unless told to wait.
+        RunFolderError: If the file system has no locks.
     """
     with open(path, "a+") as file:
         while not _acquired(file):
@@ -43,6 +46,10 @@ def _acquired(file: IO[str]) -> bool:
             import msvcrt
 
             msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-    except OSError:
+    except (BlockingIOError, PermissionError):  # the two ways in which systems say "held"
         return False
+    except OSError as error:
+        raise RunFolderError(
+            f"{file.name}: this file system has no locks ({error.strerror}); choose another folder"
+        ) from None
     return True

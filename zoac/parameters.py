@@ -104,16 +104,26 @@ def integer(name: str, low: int, high: int, unit: str = "") -> Parameter:
 
 
 def choice(name: str, options: Sequence[Any], unit: str = "") -> Parameter:
-    """Return a choice among options without order: strings, or numbers.
+    """Return a choice among options without order: strings, numbers, or True and False.
 
     Raises:
-        ConfigError: If there are fewer than two, or one comes twice.
+        ConfigError: If they are not a list of such, fewer than two, or one comes twice.
     """
-    if len(options) < 2 or len(set(options)) < len(options):
-        raise ConfigError(
-            f"parameter {name!r}: expected two or more different options, got {list(options)}"
-        )
-    return Parameter(name, 0, len(options) - 1, unit=unit, kind="choice", options=tuple(options))
+    where = f"parameter {name!r}"
+    if isinstance(options, str) or not isinstance(options, Sequence):
+        raise ConfigError(f"{where}: expected a list of options, got {options!r}")
+    known = tuple(o.item() if isinstance(o, np.generic) else o for o in options)
+    for option in known:
+        # What JSON and an exported file can hold.
+        finite = isinstance(option, (int, float)) and math.isfinite(option)
+        if not (isinstance(option, str) or finite):
+            raise ConfigError(
+                f"{where}: the option {option!r} is neither text nor a finite number nor a bool; "
+                "choose among names, and let the controller look up what they stand for"
+            )
+    if len(known) < 2 or len(set(known)) < len(known):
+        raise ConfigError(f"{where}: expected two or more different options, got {list(known)}")
+    return Parameter(name, 0, len(known) - 1, unit=unit, kind="choice", options=known)
 
 
 class ParameterSpace:
@@ -222,7 +232,8 @@ class ParameterSpace:
         """Map named physical values, each of shape (...,), to `z` (..., d) in [-1, 1].
 
         Raises:
-            ConfigError: If a name is missing or unknown, or a value lies outside its bounds.
+            ConfigError: If a name is missing or unknown, or a value is no number, lies outside its
+                bounds, or is not whole where it must be.
         """
         for name in parameters:
             if name not in self.names:
@@ -239,6 +250,10 @@ class ParameterSpace:
                 raise ConfigError(
                     f"parameter {p.name!r}: {parameters[p.name]} lies outside "
                     f"[{p.low}, {p.high}] {p.unit}".rstrip()
+                )
+            if p.kind == "integer" and np.any(values[..., i] % 1.0):
+                raise ConfigError(
+                    f"parameter {p.name!r}: {parameters[p.name]} is not a whole number"
                 )
         codes = values.copy()
         values[..., self._log] = np.log10(values[..., self._log])
@@ -257,7 +272,13 @@ class ParameterSpace:
     def _numbers(self, p: Parameter, given: Any) -> np.ndarray:
         """Return given values of a parameter as the numbers that `values` would give."""
         if p.kind != "choice":
-            return np.asarray(given, dtype=np.float64)
+            try:
+                return np.asarray(given, dtype=np.float64)
+            except (TypeError, ValueError):
+                raise ConfigError(
+                    f"parameter {p.name!r}: expected a number from {p.low} to {p.high}, got "
+                    f"{given!r}"
+                ) from None
         codes = dict(zip(p.options, _codes(p), strict=True))
         array = np.array(given, dtype=object)
         for value in array.reshape(-1):

@@ -13,8 +13,8 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from zoac.errors import ConfigError
-from zoac.process import Handle, Spread, WorkerError
+from zoac.errors import ConfigError, WorkerError
+from zoac.spread import Handle, Spread
 from zoac.task import Task
 from zoac.worker import Worker, answered
 
@@ -104,7 +104,7 @@ class _Actor:
         self._worker.start(*self._made_of)
         self._done = 0
 
-    def answer(self, number: int, states: Any, method: str, arguments: Any) -> Any:
+    def answer(self, number: int, states: bytes | None, method: str, arguments: Any) -> Any:
         """Return (result, error, processor seconds, process id) of request `number`.
 
         Args:
@@ -117,7 +117,9 @@ class _Actor:
             # Ray has restarted this actor, or repeats a call whose reply was lost.
             self._worker.start(*self._made_of)
             if states is not None:
-                self._worker.restore(states)
+                _, error = answered(self._worker.restore, (states,))
+                if error is not None:
+                    return None, error, time.process_time(), os.getpid()
         result, error = answered(getattr(self._worker, method), arguments)
         self._done = number + 1
         return result, error, time.process_time(), os.getpid()

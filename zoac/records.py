@@ -23,6 +23,9 @@ from zoac.errors import RunFolderError
 
 FORMAT = 1
 RUN, METRICS, RESULT = "run.json", "metrics.jsonl", "result.json"
+CHECKPOINTS = "checkpoint"
+TASK = "task.pkl"
+"""The task of a run that was not started from a YAML file."""
 
 # Keys of the configuration that cannot change a run's numbers.
 WITHOUT_EFFECT = (

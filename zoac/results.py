@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zoac import build, records
+from zoac.checks import TARGET
 from zoac.errors import RunFolderError
 from zoac.export import TunedController, export
 from zoac.task import Task
@@ -66,7 +67,8 @@ class Result:
         """Write the parameters as `.yaml`, `.json`, `.h` (C) or `.m` (MATLAB); return the path.
 
         Raises:
-            ConfigError: If the suffix is none of these.
+            ConfigError: If the suffix is none of these, or the file cannot be written; see
+                `zoac.export.export`.
         """
         units = {p["name"]: p["unit"] for p in records.read_run(self.folder)["parameters"]}
         return export(self.parameters, path, units)
@@ -80,12 +82,23 @@ def load_result(folder: str | Path, task: Task | None = None) -> Result:
         task: What was tuned, where it cannot be found again from the folder.
 
     Raises:
-        RunFolderError: If there is no finished run.
+        RunFolderError: If there is no finished run, or it does not say which parameters were fixed
+            and its task cannot be built.
     """
     folder = Path(folder)
     record = records.read_result(folder)
-    fixed = records.read_run(folder)["config"]["task"].get("fixed", {})
-    return result_of(record, fixed, folder, task)
+    return result_of(record, _fixed_parameters(folder, task), folder, task)
+
+
+def _fixed_parameters(folder: Path, task: Task | None) -> Mapping[str, float]:
+    """Return the parameters that a run did not tune, by name."""
+    run = records.read_run(folder)
+    if "fixed" in run:
+        return run["fixed"]
+    noted = run["config"]["task"]
+    if TARGET not in noted:  # a task that was no YAML file
+        return noted.get("fixed", {})
+    return (task or task_of_run(folder)).fixed  # a run of before `run.json` had them
 
 
 def result_of(
@@ -107,10 +120,6 @@ def result_of(
     )
 
 
-TASK = "task.pkl"
-"""The task of a run that was not started from a YAML file, in its run folder."""
-
-
 def task_of_run(folder: Path) -> Task:
     """Return the task that a run tuned, from its folder.
 
@@ -119,12 +128,12 @@ def task_of_run(folder: Path) -> Task:
     """
     import cloudpickle
 
-    pickled = folder / TASK
+    pickled = folder / records.TASK
     try:
         if pickled.is_file():
             return cloudpickle.loads(pickled.read_bytes())
         config = records.read_run(folder)["config"]
-        if "_target_" in config["task"]:
+        if TARGET in config["task"]:
             return task_from_config(config)
         reason = "it could not be pickled"
     except Exception as error:  # whatever the modules that it needs raise
@@ -143,4 +152,4 @@ def keep_task(task: Task, folder: Path) -> None:
     except Exception as error:  # an environment may hold anything
         print(f"{folder}: the task is not kept: {error}", file=sys.stderr)
         return
-    records.write_atomically(folder / TASK, content)
+    records.write_atomically(folder / records.TASK, content)

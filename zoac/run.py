@@ -20,7 +20,14 @@ from omegaconf import DictConfig, read_write
 from omegaconf.errors import OmegaConfBaseException
 
 from zoac import sweep
-from zoac.config import check_overrides, explain, know_own_conf, resolved, variant_of
+from zoac.config import (
+    check_overrides,
+    explain,
+    know_own_conf,
+    resolved,
+    variant_of,
+    with_whole_steps,
+)
 from zoac.errors import ConfigError, ZoacError
 from zoac.output import reader_may_leave
 from zoac.usage import usage
@@ -111,7 +118,7 @@ def overrides_of(arguments: Sequence[str]) -> list[str]:
 @reader_may_leave()
 def main() -> None:
     """Run the command line; exits with 1 and one message on a user's error."""
-    arguments = multirun_first(sys.argv[1:])
+    arguments = with_whole_steps(multirun_first(sys.argv[1:]))
     if arguments in (["--help"], ["-h"]):
         print(usage(), end="")
         return

@@ -101,13 +101,13 @@ class RunLog:
         Raises:
             RunFolderError: If it cannot be written; the earlier ones are then untouched.
         """
-        with _writing(self.folder / "checkpoint"):
+        with _writing(self.folder / records.CHECKPOINTS):
             os.fsync(self._file.fileno())
-            checkpoint.save(self.folder / "checkpoint", state)
+            checkpoint.save(self.folder / records.CHECKPOINTS, state)
 
     def load_checkpoint(self) -> Any | None:
         """Return the newest whole checkpoint, or None; complain about damaged ones on stderr."""
-        found = checkpoint.load(self.folder / "checkpoint")
+        found = checkpoint.load(self.folder / records.CHECKPOINTS)
         if found is None:
             return None
         state, complaints = found

@@ -65,7 +65,8 @@ class Search:
             storage: Optuna's URL; None: a journal file in the study's folder.
 
         Raises:
-            ConfigError: If the ranges cannot be used, or the study is of another configuration.
+            ConfigError: If the ranges, the folder or the storage cannot be used, or the study is
+                of another configuration.
         """
         self._overrides = list(overrides)
         self._trials, self._seeds = trials, seeds
@@ -78,16 +79,27 @@ class Search:
         defaults = {key: value_at(plain, key) for key in self._box}
         self._name = name or f"{self._task}-{self._tuner}"
         self._folder = Path(folder) / self._name
-        self._folder.mkdir(parents=True, exist_ok=True)
+        self._make(folder)
         self._study = self._open(storage, prune)
         self._begin(plain, defaults)
 
+    def _make(self, folder: str) -> None:
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            (self._folder / ".asking").touch()
+        except OSError as error:
+            raise ConfigError(
+                f"search.folder={folder!r}: cannot make or use {self._folder}: {error.strerror}; "
+                "choose another folder"
+            ) from None
+
     def _open(self, storage: str | None, prune: bool) -> Any:
         optuna = load_optuna()
+        from optuna.storages.journal import JournalFileBackend
+        from sqlalchemy.exc import SQLAlchemyError
+
         where: Any = storage
         if storage is None:
-            from optuna.storages.journal import JournalFileBackend
-
             where = optuna.storages.JournalStorage(
                 JournalFileBackend(str(self._folder / "study.journal"))
             )
@@ -100,8 +112,14 @@ class Search:
                 if prune
                 else optuna.pruners.NopPruner(),
             )
-        except (ImportError, OSError, ValueError) as error:
-            raise ConfigError(f"search.storage={storage!r}: {error}") from error
+        except (
+            ImportError, OSError, ValueError, SQLAlchemyError, optuna.exceptions.OptunaError
+        ) as error:  # fmt: skip
+            what = str(error).partition("\n")[0]  # SQLAlchemy's advice for programmers left out
+            raise ConfigError(
+                f"search.storage={storage!r}: {what}; expected the URL of a database, such as "
+                "sqlite:///study.db, or null for a file in the study's folder"
+            ) from error
 
     def _begin(self, plain: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
         """Mark a fresh study as one of this configuration and begin it at the defaults."""

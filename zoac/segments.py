@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,6 @@ class Proposal:
         branch: Run, then put the lane back where it stood before.
         seed: Begin a new episode from this seed (evaluation, common random numbers). The lane
             is put back afterwards, as after a branch, so its own random stream is not touched.
-        tag: Anything the tuner wants to find again in the segment.
     """
 
     z: np.ndarray
@@ -34,7 +32,6 @@ class Proposal:
     horizon: int | None = None
     branch: bool = False
     seed: int | None = None
-    tag: Any = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -66,6 +66,7 @@ class Run:
         executor: Where lanes run; not yet started.
         settings: Seed, budget and evaluation.
         sinks: Mirrors of the run folder.
+        quiet: Do not say that the run is done already.
     """
 
     identity: Mapping[str, Any]
@@ -76,6 +77,7 @@ class Run:
     executor: Executor
     settings: Settings
     sinks: Sequence[Sink]
+    quiet: bool = False
 
 
 def run_session(
@@ -121,7 +123,8 @@ def execute(run: Run, folder: Path) -> dict[str, Any]:
     _make(folder)
     with _locked(folder):
         if _prepare(folder, run.config):
-            print(f"{folder}: done already; resume=overwrite starts anew")
+            if not run.quiet:
+                print(f"{folder}: done already; resume=overwrite starts anew")
             return records.read_result(folder)
         log = RunLog(folder, _run_record(run), run.sinks)
         try:
@@ -168,20 +171,28 @@ def _make(folder: Path) -> None:
 
 def _prepare(folder: Path, config: Mapping[str, Any]) -> bool:
     """Make the folder ready by `resume`; return whether its run is done already."""
-    if not (folder / records.RUN).exists():
-        return False
     resume = config["resume"]
+    if resume == "overwrite":
+        _empty(folder)
+        return False
+    if not (folder / records.RUN).exists():
+        if (folder / records.CHECKPOINTS).exists() or records.is_done(folder):
+            raise RunFolderError(
+                f"{folder} holds a run without its {records.RUN}: whose it is cannot be told. "
+                "Put the file back, or start anew with resume=overwrite"
+            )
+        return False
     if resume == "never":
         raise RunFolderError(
             f"{folder} holds a run already and resume=never; use resume=auto to go on with it, "
             "resume=overwrite to start anew, or another variant=<name>"
         )
-    if resume == "overwrite":
-        for name in (records.RUN, records.METRICS, records.RESULT):
-            (folder / name).unlink(missing_ok=True)
-        shutil.rmtree(folder / "checkpoint", ignore_errors=True)
-        return False
     earlier = records.read_run(folder)
+    if not {"config", "config_hash"} <= earlier.keys():
+        raise RunFolderError(
+            f"{folder / records.RUN} says nothing of the configuration; it is no run.json of zoac. "
+            "Choose another folder, or start anew with resume=overwrite"
+        )
     if earlier["config_hash"] != records.config_hash(config):
         differences = records.differing_keys(earlier["config"], config)
         told = "\n".join(f"  {key}: {a!r} there, {b!r} now" for key, (a, b) in differences.items())
@@ -190,6 +201,24 @@ def _prepare(folder: Path, config: Mapping[str, Any]) -> bool:
             "Use those values, another variant=<name>, or resume=overwrite"
         )
     return records.is_done(folder)
+
+
+def _empty(folder: Path) -> None:
+    """Delete the run in `folder`; killed meanwhile, the rest is still that run, or none.
+
+    Raises:
+        RunFolderError: If something cannot be deleted.
+    """
+    try:
+        # What says whose all this is goes last, so that nothing is ever taken for another run's.
+        if (folder / records.CHECKPOINTS).exists():
+            shutil.rmtree(folder / records.CHECKPOINTS)
+        for name in (records.RESULT, records.METRICS, records.TASK, records.RUN):
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise RunFolderError(
+            f"{folder}: resume=overwrite cannot delete {error.filename}: {error.strerror}"
+        ) from None
 
 
 @contextmanager
@@ -237,6 +266,7 @@ def _run_record(run: Run) -> dict[str, Any]:
         "command": list(run.command),
         "tuner_choices": run.tuner.describe(),
         "parameters": [asdict(p) for p in run.task.space.parameters],
+        "fixed": dict(run.task.fixed),
         "nominal": None if nominal is None else dict(nominal),
         "versions": {"python": platform.python_version(), **_versions()},
         "commit": _commit(),

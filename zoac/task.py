@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 
 from zoac.environment import LaneEnv
+from zoac.errors import ConfigError, suggest
 from zoac.parameters import ParameterSpace
 
 if TYPE_CHECKING:
@@ -53,8 +55,53 @@ class Controller(Protocol):
         ...
 
 
+RESERVED = frozenset({
+    "format", "task", "tuner", "seed", "variant", "config_hash", "kind", "final", "z", "parameters",
+    "env_steps", "cost_mean", "cost_std", "cost_per_episode", "episode_lengths", "terminations",
+    "violations", "violations_by_constraint", "wall_seconds", "compute_seconds", "solver_seconds",
+    "tuner_seconds", "evaluation_seconds", "checkpoint_seconds", "lane_restarts",
+    "tuning_terminations", "start_cost_mean", "gate",
+})  # fmt: skip
+"""Keys of evaluation rows and of `result.json`, which no metric may take. `solver_failures` is
+free: a metric of that name counts an evaluation's, `result.json` those of the whole run."""
+
+
 @dataclass(frozen=True, slots=True)
-class Metric:
+class _Quantity:
+    """A name, and a function of a segment that returns one value per step, (T,)."""
+
+    name: str
+    per_step: Callable[[Segment], np.ndarray]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise ConfigError(f"the name of a {self._what()} must be text, got {self.name!r}")
+        if not callable(self.per_step):
+            raise ConfigError(
+                f"{self._what()} {self.name!r}: expected a function of a segment, got "
+                f"{self.per_step!r}"
+            )
+
+    def _what(self) -> str:
+        return type(self).__name__.lower()
+
+    def values(self, segment: Segment) -> np.ndarray:
+        """Return one number per step, (T,).
+
+        Raises:
+            ConfigError: If `per_step` returns anything else.
+        """
+        values = np.asarray(self.per_step(segment))
+        if values.shape != (segment.length,) or values.dtype.kind not in "biuf":
+            raise ConfigError(
+                f"{self._what()} {self.name!r} returned {values.dtype} of shape {values.shape}, "
+                f"expected one number per step, ({segment.length},)"
+            )
+        return values
+
+
+@dataclass(frozen=True, slots=True)
+class Metric(_Quantity):
     """A quantity reported beside the cost.
 
     Args:
@@ -62,28 +109,55 @@ class Metric:
         per_step: Function of a segment that returns one value per step, (T,).
         reduce: "mean" over all steps of all episodes, or "sum".
         unit: Unit for people to read.
+
+    Raises:
+        ConfigError: If the name is one that results have already (`RESERVED`), or an argument
+            cannot be used.
     """
 
-    name: str
-    per_step: Callable[[Segment], np.ndarray]
     reduce: Literal["mean", "sum"] = "mean"
     unit: str = ""
 
+    def __post_init__(self) -> None:
+        _Quantity.__post_init__(self)
+        if self.name in RESERVED:
+            raise ConfigError(
+                f"metric {self.name!r}: results have a number of that name already; call it "
+                f"otherwise, such as {f'my_{self.name}'!r}"
+            )
+        if self.reduce not in ("mean", "sum"):
+            raise ConfigError(
+                f"metric {self.name!r}: unknown reduce {self.reduce!r}; "
+                f"{suggest(self.reduce, ('mean', 'sum'))}"
+            )
+
 
 @dataclass(frozen=True, slots=True)
-class Constraint:
+class Constraint(_Quantity):
     """A quantity that must not be above zero at any step; see `zoac.constraints`.
 
     Args:
         name: Name in logs and results.
         per_step: Function of a segment that returns one value per step, (T,); above zero is a
             violation, by so much.
-        scale: What counts as a large violation, in the quantity's own unit.
+        scale: What counts as a large violation, in the quantity's own unit; above zero.
+
+    Raises:
+        ConfigError: If the scale is not a positive number, or an argument cannot be used.
     """
 
-    name: str
-    per_step: Callable[[Segment], np.ndarray]
     scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _Quantity.__post_init__(self)
+        number = isinstance(self.scale, (int, float, np.number)) and not isinstance(
+            self.scale, bool
+        )
+        if not number or not (math.isfinite(self.scale) and self.scale > 0):
+            raise ConfigError(
+                f"constraint {self.name!r}: scale={self.scale!r}, expected a number above zero, "
+                "what counts as a large violation, in the quantity's own unit"
+            )
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -15,7 +15,7 @@ from typing import IO, Any
 
 import cloudpickle
 
-from zoac.errors import ZoacError
+from zoac.errors import WorkerError, ZoacError
 from zoac.executor import LaneHost
 
 _LENGTH = struct.Struct("<Q")
@@ -27,7 +27,10 @@ def send(stream: IO[bytes], message: Any) -> None:
     Raises:
         OSError: If nobody listens any more.
     """
-    body = cloudpickle.dumps(message)
+    _write(stream, cloudpickle.dumps(message))
+
+
+def _write(stream: IO[bytes], body: bytes) -> None:
     stream.write(_LENGTH.pack(len(body)))
     stream.write(body)
     stream.flush()
@@ -50,6 +53,18 @@ def _exactly(stream: IO[bytes], length: int) -> bytes:
     return body
 
 
+CANNOT_BE_SAVED = b""
+"""What `saved` returns for lanes that no pickle takes."""
+
+
+def saved(lane_states: Callable[[], Any]) -> bytes:
+    """Return the lanes' states that a call returns as bytes, which only a worker reads."""
+    try:
+        return cloudpickle.dumps(lane_states())
+    except Exception:  # whatever a user's environment or controller raises when it is copied
+        return CANNOT_BE_SAVED
+
+
 class Worker:
     """Answers requests with one host's lanes."""
 
@@ -63,7 +78,7 @@ class Worker:
     def rollout(self, proposals: Any) -> Any:
         """Return the segments, and the lanes' state in case this process dies later."""
         assert self._host is not None
-        return self._host.lanes.rollout(proposals), self._host.lanes.state()
+        return self._host.lanes.rollout(proposals), saved(self._host.lanes.state)
 
     def evaluate(self, proposals: Any) -> Any:
         """Return the segments of evaluation episodes."""
@@ -75,10 +90,20 @@ class Worker:
         assert self._host is not None
         return self._host.lanes.state()
 
-    def restore(self, state: Any) -> None:
-        """Put the lanes back."""
+    def restore(self, lane_states: bytes) -> None:
+        """Put the lanes back to where `saved` found them.
+
+        Raises:
+            WorkerError: If they could not be saved.
+        """
         assert self._host is not None
-        self._host.lanes.restore(state)
+        if lane_states == CANNOT_BE_SAVED:
+            raise WorkerError(
+                "a worker died, and its lanes cannot be put back to where they stood, because the "
+                "environment or controller cannot be saved. The same command goes on from the last "
+                "checkpoint, with new episodes"
+            )
+        self._host.lanes.restore(cloudpickle.loads(lane_states))
 
 
 def answered(method: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, Any]:
@@ -91,7 +116,19 @@ def answered(method: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[An
         import traceback
 
         error.add_note("in a worker process:\n" + traceback.format_exc())
-        return None, error
+        return None, _portable(error)
+
+
+def _portable(error: Exception) -> Exception:
+    """Return the error, or one that says the same if it does not survive a pickle."""
+    try:
+        cloudpickle.loads(cloudpickle.dumps(error))
+    except Exception:
+        said = RuntimeError(f"{type(error).__name__}: {error}")
+        for note in getattr(error, "__notes__", ()):
+            said.add_note(note)
+        return said
+    return error
 
 
 def main() -> None:
@@ -107,7 +144,12 @@ def main() -> None:
         except EOFError:
             return
         result, error = answered(getattr(worker, method), arguments)
-        send(replies, (result, error, time.process_time()))
+        seconds = time.process_time()
+        try:
+            reply = cloudpickle.dumps((result, error, seconds))
+        except Exception as refusal:  # by something of the user's in the result
+            reply = cloudpickle.dumps((None, _portable(refusal), seconds))
+        _write(replies, reply)
 
 
 if __name__ == "__main__":

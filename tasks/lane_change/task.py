@@ -21,7 +21,7 @@ def _too_near(segment: Segment) -> np.ndarray:
 
 
 class LaneChange(Task):
-    """Seven numbers, of which one is whole, and a choice."""
+    """Eight numbers, of which one is whole, and a choice."""
 
     space = ParameterSpace(
         [

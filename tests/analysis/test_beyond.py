@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.analysis.folders import write_run
+from tests.analysis.folders import PID, write_run
 from zoac.analysis import beyond
 from zoac.analysis.load import load
 
@@ -86,13 +86,38 @@ def test_without_a_nominal_run_it_says_what_to_do(tmp_path, capsys):
 def test_other_evaluation_episodes_are_refused(runs, capsys):
     write_run(runs, seed=7, costs=(1.0, 2.0, 3.0))
     assert beyond.main([str(runs)]) == 1
-    told = capsys.readouterr().err
-    assert "3 evaluation episodes from seed 0 where the reference, " in told
-    assert "has 2 evaluation episodes from seed 0" in told
+    told = "evaluation.final_episodes: 2 in seed 0, seed 1, seed 100; 3 in seed 7"
+    assert told in capsys.readouterr().err
 
 
 def test_evaluation_episodes_of_another_seed_are_refused(runs, capsys):
     evaluation = {"episodes": 2, "final_episodes": 2, "seed": 5}
     write_run(runs, seed=7, costs=(1.0, 2.0), config={"evaluation": evaluation})
     assert beyond.main([str(runs)]) == 1
-    assert "2 evaluation episodes from seed 5 where" in capsys.readouterr().err
+    assert "evaluation.seed: 0 in seed 0, seed 1, seed 100; 5 in seed 7" in capsys.readouterr().err
+
+
+def test_seeds_of_one_row_that_differ_in_settings_are_refused(runs, capsys):
+    write_run(runs, seed=7, costs=(1.0, 2.0),
+              config={"tuner": {"_target_": "somewhere.zoac", "sigma": 0.3}})  # fmt: skip
+    assert beyond.main([str(runs)]) == 1
+    assert "tuner.sigma: (absent) in seed 0, " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("changed", [{"task": {**PID, "preceding_std": 0.5}}, {"evaluation": {
+    "episodes": 2, "final_episodes": 2, "seed": 5}}])  # fmt: skip
+def test_a_reference_on_another_problem_is_refused(tmp_path, capsys, changed):
+    write_run(tmp_path, "nominal", costs=(2.0, 4.0), evaluations=(), config=changed)
+    write_run(tmp_path, costs=(2.0, 4.0))
+    assert beyond.main([str(tmp_path)]) == 1
+    told = capsys.readouterr().err
+    assert "did not solve the same problem and are not compared" in told
+    assert "in nominal on pid_acc; " in told
+
+
+def test_two_runs_for_one_place_in_the_table_are_refused_by_name(runs, capsys):
+    write_run(runs, seed=1, costs=(1.0, 2.0), variant="mpc_solver=riccati")
+    assert beyond.main([str(runs)]) == 1
+    told = capsys.readouterr().err
+    assert f"budget 1000 and seed 1: {runs}/pid_acc/zoac/seed=1 and {runs}" in told
+    assert "/variant=mpc_solver=riccati; budget, mpc_solver, executor tell no rows apart" in told

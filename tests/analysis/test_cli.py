@@ -4,7 +4,18 @@ import argparse
 
 import pytest
 
-from zoac.analysis import beyond, cli, compact, landscape, robustness, table2
+from tests.analysis.folders import write_run
+from zoac.analysis import (
+    beyond,
+    cli,
+    compact,
+    curves,
+    landscape,
+    report,
+    robustness,
+    table2,
+    trajectories,
+)
 
 
 @pytest.mark.parametrize(
@@ -29,9 +40,10 @@ def test_counts_start_at_one(tmp_path, capsys, command, option, value):
 
 
 @pytest.mark.parametrize(
-    ("text", "seeds"), [("3", [3]), ("0,4", [0, 4]), ("8-11", [8, 9, 10, 11]), ("1,3-4", [1, 3, 4])]
-)
-def test_seeds_are_a_list_or_a_range(text, seeds):
+    ("text", "seeds"), [("3", [3]), ("0,4", [0, 4]), ("8-11", [8, 9, 10, 11]), ("1,3-4", [1, 3, 4]),
+     ("0-2,1", [0, 1, 2]), ("5,3,5", [3, 5])],
+)  # fmt: skip
+def test_seeds_are_a_list_or_a_range_each_once(text, seeds):
     assert cli.seeds(text) == seeds
 
 
@@ -46,3 +58,38 @@ def test_a_bad_list_of_seeds_is_told_by_the_option(tmp_path, capsys, command):
     with pytest.raises(SystemExit):
         command.main([str(tmp_path), "--seeds=0-x"])
     assert "argument --seeds: expected seeds such as 0,3,4 or 0-9" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("value", ["-1", "0.5", "x"])
+def test_a_bootstrap_seed_is_a_whole_number(tmp_path, capsys, value):
+    with pytest.raises(SystemExit):
+        table2.main([str(tmp_path), f"--bootstrap-seed={value}"])
+    told = f"argument --bootstrap-seed: expected a whole number of at least 0, got '{value}'"
+    assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "command", [beyond, compact, curves, landscape, report, robustness, table2, trajectories]
+)
+def test_without_a_finished_run_there_is_one_message_and_no_file(tmp_path, capsys, command):
+    write_run(tmp_path / "runs", task="mpc_tracking", finished=False)
+    assert command.main([str(tmp_path / "runs"), "--out", str(tmp_path / "out")]) == 1
+    *_, told = capsys.readouterr().err.splitlines()
+    assert told.startswith("error: no finished run")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_cannot_be_written_is_one_message(sweep, tmp_path, capsys):
+    (tmp_path / "out" / "table2.md").mkdir(parents=True)
+    arguments = [str(sweep), "--task", "pid_acc", "--out", str(tmp_path / "out")]
+    assert table2.main(arguments) == 1
+    told = f"error: cannot write {tmp_path}/out/table2.md: Is a directory\n"
+    assert capsys.readouterr().err == told
+
+
+def test_a_film_that_cannot_be_written_is_one_message(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("zoac.analysis.film.FRAMES", 2)
+    path = tmp_path / "loop.gif"
+    path.mkdir()
+    assert trajectories.main([str(write_run(tmp_path / "runs")), "--animate", str(path)]) == 1
+    assert capsys.readouterr().err == f"error: cannot write {path}: Is a directory\n"

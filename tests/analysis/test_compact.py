@@ -1,6 +1,7 @@
 """Runs in three small files say what the run folders say."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 from tests.analysis.folders import write_run
 from zoac.analysis import beyond, compact, curves, landscape, replay, table2
 from zoac.analysis.load import load
+
+RESULTS = Path(__file__).parents[2] / "results"
 
 
 @pytest.fixture
@@ -131,3 +134,38 @@ def test_figures_do_without_what_was_not_kept(small, tmp_path):
     arguments = [str(small), "--task", "pid_acc", "--points", "2", "--out", str(tmp_path / "out")]
     assert landscape.main(arguments) == 0
     assert replay.before(load(small).runs[0]) is None
+
+
+@pytest.mark.parametrize("value", ["speed", "1", "null", "", 'a "b", *2 c', None, True, [8, 8]])
+def test_chosen_values_come_back_as_they_were(tmp_path, value):
+    write_run(tmp_path / "runs", gains={"better": value, "k": 2.0}, evaluations=())
+    assert compact.main([str(tmp_path / "runs"), "--out", str(tmp_path / "small")]) == 0
+    (run,) = load(tmp_path / "small").runs
+    assert run.outcome["parameters"] == {"better": value, "k": 2.0}
+
+
+@pytest.mark.parametrize("bad", [np.inf, -np.inf, np.nan])
+def test_numbers_that_are_not_finite_come_back(tmp_path, bad):
+    write_run(tmp_path / "runs", evaluations=[(0, bad)], result={"cost_per_episode": [1.0, bad]})
+    arguments = [str(tmp_path / "runs"), "--digits", "3", "--out", str(tmp_path / "small")]
+    assert compact.main(arguments) == 0
+    (run,) = load(tmp_path / "small").runs
+    np.testing.assert_array_equal(run.costs, [1.0, bad])
+    np.testing.assert_array_equal(run.evaluations[0]["cost_per_episode"], [bad, bad])
+    np.testing.assert_array_equal(run.evaluations[0]["cost_mean"], bad)
+
+
+def test_seeds_of_other_settings_do_not_come_back_all_alike(runs, tmp_path, capsys):
+    write_run(runs, seed=2, config={"tuner": {"_target_": "somewhere.zoac", "sigma": 0.2}})
+    assert compact.main([str(runs), "--out", str(tmp_path / "small")]) == 1
+    assert "tuner.sigma: (absent) in seed 0, seed 1; 0.2 in seed 2" in capsys.readouterr().err
+    assert not (tmp_path / "small").exists()
+
+
+@pytest.mark.parametrize(("name", "options"), [("", []), ("careful", ["--summary"])])
+def test_the_logged_runs_of_this_repository_are_compact_already(tmp_path, name, options):
+    assert (
+        compact.main([str(RESULTS / name), "--out", str(tmp_path), "--digits", "5", *options]) == 0
+    )
+    for made in tmp_path.iterdir():
+        assert made.read_bytes() == (RESULTS / name / made.name).read_bytes()

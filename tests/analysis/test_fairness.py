@@ -17,7 +17,7 @@ def test_seeds_of_different_configurations_are_not_averaged(tmp_path: Path) -> N
     with pytest.raises(RunFolderError) as refusal:
         refuse_mixed(load(tmp_path).runs)
     assert str(refusal.value).split("\n") == [
-        "the runs of zoac on pid_acc differ in their configuration and are not averaged:",
+        "the runs of zoac on pid_acc differ in their configuration and do not go together:",
         "  tuner.sigma: (absent) in seed 0, seed 1; 0.2 in seed 2",
         "set one group apart with variant=NAME, or move it to another folder",
     ]
@@ -65,3 +65,9 @@ def test_different_evaluation_episodes_are_not_compared(tmp_path: Path) -> None:
     write_run(tmp_path, "nominal", config={"evaluation": other})
     with pytest.raises(RunFolderError, match=r"evaluation.seed: 1 in nominal .*; 0 in zoac"):
         refuse_unequal(load(tmp_path).runs)
+
+
+def test_budgets_may_differ_where_that_is_said(tmp_path: Path) -> None:
+    write_run(tmp_path, "zoac")
+    write_run(tmp_path, "bo", config={"budget": 500})
+    refuse_unequal(load(tmp_path).runs, any_budget=True)

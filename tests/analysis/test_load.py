@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.analysis.folders import write_run
-from zoac.analysis.load import evaluations_frame, load, read, results_frame
+from zoac.analysis.load import evaluations_frame, load, numbers, read, results_frame
 from zoac.errors import RunFolderError
 
 
@@ -127,3 +127,10 @@ def test_frames_carry_identity_and_parameters(sweep: Path) -> None:
     evaluations = evaluations_frame(runs)
     assert set(evaluations.columns) >= {"task", "tuner", "seed", "env_steps", "parameters.Kp"}
     assert len(evaluations) == 30
+
+
+def test_true_and_false_are_no_numbers() -> None:
+    assert numbers({"a": 1, "b": 2.5, "final": True, "kind": "eval", "z": [0.0]}) == {
+        "a": 1,
+        "b": 2.5,
+    }

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from zoac.analysis.load import load, read
 from zoac.analysis.selection import chosen, median_run
 from zoac.errors import ConfigError, RunFolderError
 from zoac.evaluation import evaluation_proposals
+from zoac.parameters import ParameterSpace, choice
 from zoac.rollout import LaneGroup
 from zoac.task import Task
 from zoac.tasks.pid_acc import PidAcc
@@ -45,6 +47,26 @@ def test_the_demonstration_is_the_tasks_own(task: PidAcc) -> None:
     assert segment.length == 40
 
 
+class Failing(PidAcc):
+    """A task whose controller always fails."""
+
+    failure_penalty = 7.0
+
+    def make_controller(self) -> Any:
+        controller = super().make_controller()
+
+        class Fails(type(controller)):  # type: ignore[misc]
+            def act(self, *given: Any) -> Any:
+                raise ZeroDivisionError
+
+        return Fails()
+
+
+def test_a_controller_that_fails_costs_in_the_demonstration_what_it_cost_in_the_run() -> None:
+    (segment,) = replay.demonstrate(Failing(max_episode_steps=40), [GAINS])
+    assert segment.costs.tolist() == [7.0]
+
+
 def test_costs_are_those_of_the_evaluation(task: PidAcc) -> None:
     points = task.space.unit({name: np.array([GAINS[name], NOMINAL[name]]) for name in GAINS})
     group = LaneGroup(task, range(3), [0] * 3)
@@ -73,6 +95,17 @@ def test_an_unknown_parameter_is_answered_with_those_there_are(
 ) -> None:
     with pytest.raises(ConfigError, match="unknown parameter 'Kpp'; did you mean 'Kp'"):
         landscape.sliced(task, read(write_run(tmp_path)), ["Kpp"], 2, 2)
+
+
+def test_without_a_parameter_that_is_a_number_there_is_no_landscape(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    chosen_only = PidAcc(max_episode_steps=2)
+    chosen_only.space = ParameterSpace([choice("better", ["speed", "gap"])])
+    monkeypatch.setattr(replay, "rebuild", lambda run: chosen_only)
+    run = write_run(tmp_path / "runs", gains={"better": "gap"}, evaluations=())  # type: ignore[dict-item]
+    assert landscape.main([str(run), "--out", str(tmp_path / "out")]) == 1
+    assert "all are choices (better)" in capsys.readouterr().err
 
 
 def test_the_run_shown_is_the_median_one(sweep: Path) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.analysis.folders import write_run
+from zoac.analysis import compact
 from zoac.analysis.report import main
 
 VOID = {"meta", "br", "link", "img"}
@@ -111,7 +112,9 @@ def test_the_same_runs_give_the_same_page(tmp_path: Path) -> None:
 def test_no_finished_run_is_one_message(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_run(tmp_path, finished=False)
     assert main([str(tmp_path), "--out", str(tmp_path / "out")]) == 1
-    assert capsys.readouterr().err.endswith("error: no finished run to report on\n")
+    assert capsys.readouterr().err.endswith(
+        "error: no finished run among 1; relaunching an unfinished one resumes it\n"
+    )
 
 
 def test_commands_start_without_torch() -> None:
@@ -120,3 +123,20 @@ def test_commands_start_without_torch() -> None:
     code = f"import sys; {imports}; print('torch' in sys.modules, 'hydra' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "False False\n"
+
+
+def test_terminations_while_tuning_are_those_of_the_result(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "runs", result={"tuning_terminations": 224})
+    small = tmp_path / "small"
+    assert compact.main([str(folder), "--out", str(small)]) == 0
+    for root in (folder, small):
+        text = page(root, tmp_path / "out", "--no-replay")
+        assert "episodes that ended early while tuning: 224<" in text
+
+
+def test_terminations_of_older_results_are_counted_or_not_told(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "runs")
+    assert "while tuning:" not in page(folder, tmp_path / "out", "--no-replay")
+    metrics = folder / "metrics.jsonl"
+    metrics.write_text(metrics.read_text().replace('"iteration": 1', '"terminations": 3'))
+    assert "early while tuning: 3<" in page(folder, tmp_path / "out", "--no-replay")

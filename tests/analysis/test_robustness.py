@@ -127,7 +127,12 @@ def test_the_command_writes_table_and_figure(tmp_path, capsys):
     assert {r["name"] for r in rows if r["kind"] == "above"} == {"k", "Kp", "Ki", "Kd"}
 
 
-@pytest.mark.parametrize("text", ["mass", "mass=1", "mass=2,1", "mass=a,b"])
+@pytest.mark.parametrize(
+    "text",
+    ["mass", "mass=1", "mass=2,1", "mass=a,b",
+     "preceding_std=nan,1", "preceding_std=1,inf", "preceding_std=inf,inf",
+     "preceding_std=-1e308,1e308"],
+)  # fmt: skip
 def test_a_range_that_is_none_is_refused(tmp_path, capsys, text):
     write_run(tmp_path)
     assert robustness.main([str(tmp_path), "--vary", text]) == 1

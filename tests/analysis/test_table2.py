@@ -221,10 +221,23 @@ def test_bounds_can_be_told_apart(interval: Interval, shown: str) -> None:
     assert estimate(interval, sign=True) == shown
 
 
-def test_violations_are_counted_where_a_task_has_constraints(tmp_path):
+def test_violations_are_told_as_a_share_where_a_task_has_constraints(tmp_path):
     for seed, count in enumerate((0, 2, 4)):
         counted = {"violations": count, "violations_by_constraint": {}}
         write_run(tmp_path, "zoac", seed, result=counted)
     (header, row) = main_cells(compare(load(tmp_path), "pid_acc"))
-    assert row[header.index("Episodes in violation")].startswith("2.00 ± 2.00")
+    assert row[header.index("Share of episodes in violation")] == "0.50 ± 0.50"
     assert "violations_mean" in csv(compare(load(tmp_path), "pid_acc"))
+
+
+def test_shares_in_violation_compare_between_evaluations_of_different_length(tmp_path):
+    metrics = write_run(tmp_path, "zoac", result={"violations": 4}) / "metrics.jsonl"
+    metrics.write_text(
+        metrics.read_text().replace('"final": false', '"final": false, "violations": 1')
+    )
+    write_run(tmp_path, "nominal", evaluations=(), result={"violations": 2})
+    comparison = compare(load(tmp_path), "pid_acc", budget=500)
+    shares = [s.violations.mean for s in comparison.summaries if s.violations]
+    assert shares == [0.5, 0.5]  # one episode of two, two of four
+    (note,) = [note for note in comparison.notes if "violation" in note]
+    assert "all episodes of each evaluation, 2 to 4" in note

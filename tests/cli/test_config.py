@@ -3,9 +3,10 @@
 from pathlib import Path
 
 import pytest
+from hydra.errors import HydraException
 
 from zoac import build
-from zoac.config import compose_config, explain, resolved, variant_of
+from zoac.config import compose_config, explain, resolved, variant_of, with_whole_steps
 from zoac.errors import ConfigError
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -75,6 +76,40 @@ def test_fidelity_reaches_the_task():
 def test_a_bad_override_gets_one_message_with_the_nearest_choice(override, message):
     with pytest.raises(ConfigError, match=f"(?s){message}"):
         compose_config([override])
+
+
+@pytest.mark.parametrize(
+    ("overrides", "meant"),
+    [
+        (["tuner=zoac_plus", "tuner.race_shar=1"], "tuner.race_share"),
+        (["tuner=cmaes", "tuner.spraed=1"], "tuner.spread"),
+        (["method=bo", "tuner.kapa=3"], "tuner.kappa"),
+        (["task=mpc_tracking", "task.mpc.horizn=3"], "task.mpc.horizon"),
+        (["executor.worker=3", "executor=process"], "executor.workers"),
+        (["tuner=bo,cmaes", "tuner.kapa=3"], "tuner.kappa"),
+    ],
+)
+def test_a_mistyped_key_is_measured_against_the_chosen_option(overrides, meant):
+    misspelt = next(o for o in overrides if "." in o)
+    hydras = f"Could not override '{misspelt.partition('=')[0]}'.\nTo append to your config use +"
+    message = explain(HydraException(hydras), overrides)
+    assert message.startswith(f"unknown key '{misspelt.partition('=')[0]}'")
+    assert f"did you mean '{meant}'" in message
+
+
+@pytest.mark.parametrize(
+    ("given", "read"),
+    [
+        ("budget=5e5", "budget=500000"),
+        ("budget=2.5e4,1E5", "budget=25000,100000"),
+        ("eval_every=1e+3", "eval_every=1000"),
+        ("budget=1.5e0", "budget=1.5e0"),
+        ("tuner.sigma=1e1", "tuner.sigma=1e1"),
+        ("variant=budget=1e3", "variant=budget=1e3"),
+    ],
+)
+def test_numbers_of_steps_may_be_written_with_an_exponent(given, read):
+    assert with_whole_steps([given]) == [read]
 
 
 @pytest.mark.parametrize(

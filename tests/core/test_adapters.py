@@ -1,14 +1,19 @@
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.spaces import Box, Discrete, MultiBinary
+from gymnasium.wrappers import ClipAction, TimeLimit
 
 from tests.support import same_segment
-from zoac.adapters import ScalarController, UserTask, parse_space
+from zoac import gymnasium_lanes
+from zoac.adapters import ScalarController, UserTask, parse_space, user_task
 from zoac.errors import ConfigError, ControllerError, EnvironmentContractError
 from zoac.gymnasium_lanes import GymnasiumLanes, env_action
 from zoac.rollout import LaneGroup
 from zoac.segments import Proposal
+from zoac.task import Metric
 
 
 class Drift(gymnasium.Env):
@@ -146,6 +151,27 @@ def test_fixed_parameters_reach_the_controller():
     assert seen == {"k": pytest.approx(0.55), "bias": 2.5}
 
 
+class Batched:
+    """Pushes by a tuned and a fixed parameter, all lanes at once."""
+
+    def init(self, n):
+        return {}
+
+    def act(self, params, obs, memory):
+        return np.stack([params["k"] + params["bias"]], axis=1), memory, {}
+
+
+def test_a_batched_controller_gets_the_fixed_parameters_of_every_lane():
+    task = user_task(
+        env=Drift, controller=Batched(), space={"k": (0, 1), "bias": 0.25}, max_episode_steps=9
+    )
+    group = LaneGroup(task, [0, 1], [100, 101])
+    points = [Proposal(np.array([z]), lane, horizon=3) for lane, z in enumerate((-1.0, 0.0))]
+    one, two = group.rollout(points)
+    assert one.actions.tolist() == [[0.25]] * 3
+    assert two.actions.tolist() == [[0.75]] * 3
+
+
 def test_a_controller_that_raises_is_told_with_its_parameters():
     def act(params, obs):
         raise ValueError("no plan")
@@ -176,7 +202,10 @@ def test_every_way_to_write_a_space():
 @pytest.mark.parametrize(
     ("entry", "message"),
     [("x", "expected"), ((1,), "expected low and high"), ({"lo": 0, "high": 1}, "expected low"),
-     ((5, 0), "must be below")],
+     ((5, 0), "must be below"),
+     ((0, 5, "linear", "N", "zzz"), r"space\['k'\]=.*expected at most low, high, scale, unit"),
+     ({"low": 0, "high": 1, "start": "a"}, r"space\['k'\].start='a': expected a number"),
+     ({"low": 0, "high": 1, "start": None}, r"space\['k'\].start=None: expected a number")],
 )  # fmt: skip
 def test_a_space_that_makes_no_sense_is_refused(entry, message):
     with pytest.raises(ConfigError, match=message):
@@ -215,3 +244,81 @@ def test_a_plant_is_set_and_what_it_has_not_is_named():
         GymnasiumLanes([env], 5, plant={"mas": 3.0})
     with pytest.raises(ConfigError, match=r"vary.mass=\[2.0, 1.0\]"):
         GymnasiumLanes([env], 5, vary={"mass": (2.0, 1.0)})
+
+
+def held(segment):
+    return segment.costs
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"metrics": [held]}, r"metrics: <function held.* is no Metric; .*metrics=\{'my_name'"),
+        ({"metrics": held}, "metrics: <function held.* is no Metric"),
+        ({"metrics": "tank.level"}, "metrics: 'tank.level' is no Metric"),
+        ({"constraints": held}, "constraints: <function held.* is no Constraint"),
+        ({"constraints": [Metric("m", held)]}, "is no Constraint"),
+        ({"constraints": {"c": 3}}, "constraint 'c': expected a function of a segment, got 3"),
+        ({"metrics": [Metric("m", held), Metric("m", held)]}, "metrics: names .* repeated: m"),
+        ({"space": [("k", 0, 1)]}, "space=.*: expected bounds by name"),
+        ({"start": "a"}, "start='a': expected values by name"),
+        ({"start": {"k": "a"}}, "parameter 'k': expected a number from 0 to 1, got 'a'"),
+        ({"max_episode_steps": 0}, "max_episode_steps=0: expected 1 or more"),
+    ],
+)
+def test_what_a_task_cannot_be_made_of_is_named(changes, message):
+    with pytest.raises(ConfigError, match=message):
+        user_task(**{"env": Drift, "controller": Integrator(), "space": {"k": (0, 1)}, **changes})
+
+
+class Restless(Heavy):
+    """Its step and, unless told otherwise, its reset put a number of their own there."""
+
+    def __init__(self, resets=True):
+        self.mass, self.resets = 1.0, resets
+
+    def reset(self, **options):
+        self.mass = 1.0 if self.resets else self.mass
+        return super().reset(**options)
+
+    def step(self, action):
+        self.mass *= 0.9
+        return super().step(action)
+
+
+@pytest.mark.parametrize("how", [{"plant": {"mass": 3.0}}, {"vary": {"mass": (2.0, 3.0)}}])
+def test_a_plant_that_the_reset_undoes_is_refused_by_name(how):
+    lanes = GymnasiumLanes([Restless()], 5, **how)
+    with pytest.raises(ConfigError, match=r"Restless.reset sets 'mass' to 1.0 itself"):
+        lanes.reset(seed=[0])
+
+
+def test_a_plant_holds_at_the_start_of_every_episode():
+    lanes = GymnasiumLanes([Restless(resets=False)], 5, plant={"mass": 3.0})
+    for _ in range(2):
+        lanes.reset(seed=[0])
+        assert masses(lanes) == [3.0]
+        lanes.step(np.zeros((1, 1)))
+
+
+class Endless(Drift):
+    def step(self, action):
+        observation, reward, _, _, info = super().step(action)
+        return observation, reward, False, False, info
+
+
+def test_a_time_limit_anywhere_among_the_wrappers_is_found():
+    assert GymnasiumLanes([ClipAction(TimeLimit(Drift(), 7))], None).max_episode_steps == 7
+    assert GymnasiumLanes([TimeLimit(TimeLimit(Drift(), 7), 9)], None).max_episode_steps == 7
+
+
+def test_an_episode_that_nothing_ends_is_an_error_and_one_that_ends_by_itself_is_none(monkeypatch):
+    monkeypatch.setattr(gymnasium_lanes, "LONGEST_EPISODE", 30)
+    push = {"controller": lambda params, obs: 1.0, "space": {"k": (0, 1)}}
+    ends, never = (LaneGroup(user_task(env=env, **push), [0], [1]) for env in (Drift, Endless))
+    assert ends.rollout(plan([0]))[0].terminated
+    with pytest.raises(ConfigError, match="not ended after 30 steps.*give max_episode_steps") as e:
+        never.rollout(plan([0]))
+    faq = Path(__file__).parents[2] / "docs" / "faq.md"
+    assert "the environment needs a time limit" in str(e.value)
+    assert "the environment needs a time limit" in faq.read_text()

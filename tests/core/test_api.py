@@ -5,8 +5,10 @@ import pytest
 
 import zoac
 from tests.core.test_adapters import Drift, Integrator
-from zoac.errors import ConfigError
+from zoac import records
+from zoac.errors import ConfigError, RunFolderError
 from zoac.records import read_run
+from zoac.results import task_of_run
 
 SMALL = {"lanes": 2, "episodes": 2, "final_episodes": 4, "quiet": True, "max_episode_steps": 20}
 
@@ -59,7 +61,64 @@ def test_a_folder_makes_a_run_that_is_not_done_twice(tmp_path, capsys):
     first = tune(folder=tmp_path / "run")
     second = tune(folder=tmp_path / "run")
     assert second.parameters == first.parameters
+    assert capsys.readouterr().out == ""
+    tune(folder=tmp_path / "run", quiet=False)
     assert "done already" in capsys.readouterr().out
+
+
+def test_the_task_of_a_run_that_is_done_stays_as_it_was_kept(tmp_path):
+    tune(folder=tmp_path / "run")
+    (tmp_path / "run" / records.TASK).write_bytes(b"as it was")
+    tune(folder=tmp_path / "run")
+    assert (tmp_path / "run" / records.TASK).read_bytes() == b"as it was"
+
+
+def other(params, obs):
+    return params["k"] * obs[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"controller": other}, "task.controller: 'tests.core.test_api.proportional' there"),
+        ({"env": lambda: Drift()}, "task.source: 'tests.core.test_adapters.Drift' there"),
+        ({"start": {"k": 0.5}}, "task.start.k: '(absent)' there, 0.5 now"),
+        ({"max_episode_steps": 19}, "task.max_episode_steps: 20 there, 19 now"),
+        ({"metrics": {"effort": lambda s: s.costs}}, "task.metrics: '(absent)' there, ['effort']"),
+        ({"budget": 500}, "budget: 400 there, 500 now"),
+    ],
+)
+def test_a_folder_with_another_run_is_refused_by_what_differs(tmp_path, changes, told):
+    tune(folder=tmp_path / "run")
+    with pytest.raises(RunFolderError, match=re.escape(told)):
+        tune(folder=tmp_path / "run", **changes)
+
+
+def test_a_folder_can_be_begun_anew(tmp_path):
+    tune(folder=tmp_path / "run")
+    again = tune(folder=tmp_path / "run", controller=other, resume="overwrite")
+    assert again.parameters == tune(controller=other).parameters
+    kept = task_of_run(tmp_path / "run").make_controller()
+    action, *_ = kept.act({"k": np.array([1.0])}, np.array([[2.0]]), kept.init(1))
+    assert action == other({"k": 1.0}, [2.0])
+    with pytest.raises(ConfigError, match="auto, never, overwrite"):
+        tune(folder=tmp_path / "run", resume="sometimes")
+
+
+def test_a_task_that_is_tuned_stays_as_it_was():
+    task = zoac.make_task("pid_acc")
+    before = dict(task.nominal), task.failure_penalty
+    zoac.tune(
+        task=task, start={"k": 1.0, "Kp": 1.0, "Ki": 0.1, "Kd": 1.0}, failure_penalty=9.0, budget=0,
+        lanes=2, episodes=1, final_episodes=2, quiet=True,
+    )  # fmt: skip
+    assert (dict(task.nominal), task.failure_penalty) == before
+
+
+def test_start_values_may_stand_in_the_space_and_beside_it():
+    space = {"k": {"low": 0, "high": 2, "start": 1.5}, "other": (0, 1)}
+    result = tune(space=space, start={"other": 0.25}, budget=0)
+    assert result.parameters == pytest.approx({"k": 1.5, "other": 0.25})
 
 
 def test_a_built_in_task_by_name():
@@ -76,6 +135,8 @@ def test_a_built_in_task_by_name():
         ({"tuner_options": {"sgima": 1}}, "did you mean 'sigma'"),
         ({"tuner_options": {"sigma": -1}}, "tuner.sigma=-1"),
         ({"budget": -5}, "budget=-5"),
+        ({"eval_every": 0}, "eval_every=0"),
+        ({"trust": "high"}, "trust='high': expected a number or None"),
         ({"controller": None}, "needs a task, or all of env, controller and space"),
         ({"task": "pid_acc"}, "either task or env"),
         ({"space": {"k": {"low": 0, "high": 2, "start": 9}}}, "'k': 9.0 lies outside"),

@@ -28,6 +28,16 @@ def test_a_damaged_checkpoint_falls_back_to_the_previous_one_and_says_so(tmp_pat
     assert str(path) in complaints[0]
 
 
+def test_one_that_the_system_does_not_give_out_counts_as_damaged(tmp_path):
+    checkpoint.save(tmp_path, "older")
+    checkpoint.save(tmp_path, "newer")
+    (tmp_path / checkpoint.CURRENT).unlink()
+    (tmp_path / checkpoint.CURRENT).mkdir()
+    state, complaints = checkpoint.load(tmp_path)
+    assert state == "older"
+    assert "cannot be read" in complaints[0]
+
+
 def test_when_none_can_be_read_the_user_is_told(tmp_path):
     checkpoint.save(tmp_path, 1)
     (tmp_path / checkpoint.CURRENT).write_bytes(b"rubbish")

@@ -1,5 +1,7 @@
 """Whole numbers and choices: the map, and ZOAC's gradient against enumeration."""
 
+import json
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -70,6 +72,13 @@ def test_plain_values_have_their_own_types():
         (lambda: choice("m", ["a", "a"]), "two or more different"),
         (lambda: integer("n", 1.5, 3), "must be whole"),
         (lambda: Parameter("n", 1, 3, "log", kind="integer"), "no log scale"),
+        (lambda: choice("m", "abc"), "expected a list of options, got 'abc'"),
+        (lambda: choice("m", {"a", "b"}), "expected a list of options"),
+        (lambda: choice("m", ["a", None]), "the option None is neither text nor a finite number"),
+        (lambda: choice("m", [(1, 2), (3, 4)]), r"the option \(1, 2\) is neither"),
+        (lambda: choice("m", [1.0, np.nan]), "the option nan is neither"),
+        (lambda: SPACE.unit({"k": 0.5, "n": 3.7, "mode": "a", "f": 10}), "'n': 3.7 is not a whole"),
+        (lambda: SPACE.unit({"k": "a", "n": 3, "mode": "a", "f": 10}), "number from 0.0 to 1.0"),
         (lambda: SPACE.unit({"k": 0.5, "n": 3, "mode": "d", "f": 10}), "unknown option 'd'"),
         (lambda: SPACE.unit({"k": 0.5, "n": 9, "mode": "a", "f": 10}), "9 lies outside"),
     ],
@@ -77,6 +86,12 @@ def test_plain_values_have_their_own_types():
 def test_what_makes_no_sense_is_refused(make, message):
     with pytest.raises(ConfigError, match=message):
         make()
+
+
+def test_options_come_back_from_json_as_they_were():
+    for options in (("a", "b"), (1, 2.5), (True, False), tuple(np.array([3, 4]))):
+        kept = choice("m", options).options
+        assert json.loads(json.dumps(kept)) == list(kept) == list(options)
 
 
 def test_how_a_dict_describes_them():

@@ -113,6 +113,38 @@ def test_an_unknown_suffix_and_names_that_collide_are_refused(tmp_path):
         export({"c-f": 1.0, "c_f": 2.0}, tmp_path / "x.h", {})
 
 
+WORDS = dict.fromkeys(("double", "end", "class", "for", "function", "default"), 1.0)
+
+
+def test_names_that_a_language_keeps_for_itself_get_an_underscore(tmp_path):
+    for suffix in (".h", ".m"):
+        text = export(WORDS, tmp_path / f"end{suffix}", {}).read_text()
+        names = re.findall(r"(\w+) = 1.0;", text)
+        assert names == [f"{word}_" for word in WORDS]
+    assert text.startswith("function parameters = end_()")
+    assert json.loads(export(WORDS, tmp_path / "end.json", {}).read_text()) == WORDS
+    with pytest.raises(ConfigError, match="end, end_ are one identifier"):
+        export({"end": 1.0, "end_": 2.0}, tmp_path / "x.m", {})
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
+def test_names_that_c_keeps_for_itself_compile(tmp_path):
+    header = export(WORDS, tmp_path / "words.h", {})
+    subprocess.run(["gcc", "-fsyntax-only", "-x", "c", str(header)], check=True)
+
+
+@pytest.mark.parametrize("suffix", [".h", ".m"])
+def test_a_value_without_a_literal_is_named(suffix, tmp_path):
+    with pytest.raises(ConfigError, match="parameter 'mode': None has no literal .* to .json"):
+        export({"mode": None}, tmp_path / f"x{suffix}", {})
+    assert export({"mode": None}, tmp_path / "x.json", {}).read_text() == '{\n  "mode": null\n}\n'
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"x.json': No such file or directory; choose a folder"):
+        export(ODD, tmp_path / "missing" / "x.json", {})
+
+
 def test_a_loaded_controller_that_remembers_acts_as_the_tuned_one(tmp_path):
     result = tuned(Integrator(), tmp_path / "run", space={"k": (0.0, 1.0), "unused": 2.0})
     loaded = zoac.load_result(tmp_path / "run")

@@ -5,8 +5,7 @@ import threading
 import pytest
 
 from tests import support
-from zoac.errors import ConfigError, ControllerError
-from zoac.process import WorkerError
+from zoac.errors import ConfigError, ControllerError, WorkerError
 
 pytest.importorskip("ray", reason="executor=ray is not installed: pip install 'zoac[ray]'")
 

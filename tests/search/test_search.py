@@ -1,5 +1,6 @@
 """The search for a tuner's options."""
 
+import errno
 import json
 import os
 import signal
@@ -148,6 +149,28 @@ def test_ranges():
 def test_a_range_that_cannot_be_used_is_named(tmp_path, ranges, message):
     with pytest.raises(ConfigError, match=message):
         cheap(tmp_path, ranges=ranges)
+
+
+@pytest.mark.parametrize(
+    "storage", ["foo", "foo://x", "sqlite:////nowhere/at/all.db", "postgresql://u@localhost:1/x"]
+)
+def test_a_storage_that_cannot_be_used_is_named(tmp_path, storage):
+    with pytest.raises(ConfigError, match=r"^search\.storage='.*; expected the URL .*$") as caught:
+        cheap(tmp_path, storage=storage)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_that_cannot_be_made_or_written_to_is_named(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match=r"search.folder='.*file': cannot make or use .*; choose"):
+        cheap(tmp_path / "file")
+
+    def refused(path, *arguments, **options):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "touch", refused)  # not by the mode: root may write anywhere
+    with pytest.raises(ConfigError, match="Permission denied; choose another folder"):
+        cheap(tmp_path)
 
 
 def test_the_search_is_called_like_the_tuner_unless_told():

@@ -1,3 +1,5 @@
+import time
+
 import pytest
 
 from zoac.sinks.numbers import numbers
@@ -22,17 +24,30 @@ def test_wandb_offline_needs_no_network_or_account(tmp_path, monkeypatch):
     assert list(tmp_path.glob("wandb/offline-run-*/*.wandb"))
 
 
-def test_tensorboard_holds_the_rows(tmp_path):
+def shown(folder, *processes):
+    """Return (step, value) of the costs that TensorBoard shows, each process having its rows."""
     pytest.importorskip("tensorboard")
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     from zoac.sinks.tensorboard import TensorBoard
 
-    sink = TensorBoard(folder=str(tmp_path))
-    sink.start(RUN)
-    sink.row(ROW)
-    sink.finish({})
-    events = EventAccumulator(str(tmp_path / "t" / "z" / "0"))
+    for rows in processes:
+        sink = TensorBoard(folder=str(folder))
+        sink.start(RUN)
+        for steps, cost in rows:
+            sink.row({**ROW, "env_steps": steps, "cost_mean": cost})
+        sink.finish({})
+        time.sleep(1.1)  # event files are told apart by the second
+    events = EventAccumulator(str(folder / "t" / "z" / "0"))
     events.Reload()
-    (point,) = events.Scalars("eval/cost_mean")
-    assert (point.step, point.value) == (10, 2.0)
+    return [(point.step, point.value) for point in events.Scalars("eval/cost_mean")]
+
+
+def test_tensorboard_holds_the_rows(tmp_path):
+    assert shown(tmp_path, [(10, 2.0)]) == [(10, 2.0)]
+
+
+def test_tensorboard_shows_rows_that_come_again_once(tmp_path):
+    stopped, resumed = [(0, 4.0), (10, 3.0), (20, 2.0)], [(10, 3.0), (20, 2.0), (30, 1.0)]
+    assert shown(tmp_path, stopped, resumed) == [(0, 4.0), (10, 3.0), (20, 2.0), (30, 1.0)]
+    assert shown(tmp_path, [(0, 5.0)]) == [(0, 5.0)]  # resume=overwrite

@@ -11,7 +11,11 @@ from zoac.sinks.numbers import numbers
 
 
 class TensorBoard:
-    """One event file per run, below `folder`."""
+    """One folder of event files per run, below `folder`.
+
+    Rows come again after a stop, from the last checkpoint on. Each process therefore hides what
+    earlier ones wrote at or after the environment steps of its own first row.
+    """
 
     def __init__(self, *, folder: str = "tensorboard") -> None:
         """
@@ -26,14 +30,17 @@ class TensorBoard:
             ) from None
         self._writer_class = SummaryWriter
         self._folder = Path(folder)
+        self._writer: Any = None
 
     def start(self, run: Mapping[str, Any]) -> None:
-        """Open the event file."""
+        """Take the run's identity; the event file is opened by the first row."""
         parts = [str(run[k]) for k in ("task", "tuner", "seed", "variant") if run[k] is not None]
-        self._writer = self._writer_class(str(self._folder.joinpath(*parts)))
+        self._folder = self._folder.joinpath(*parts)
 
     def row(self, row: Mapping[str, Any]) -> None:
         """Write the row's numbers at its environment steps."""
+        if self._writer is None:
+            self._writer = self._writer_class(str(self._folder), purge_step=row["env_steps"])
         for name, value in numbers(row).items():
             self._writer.add_scalar(f"{row['kind']}/{name}", value, row["env_steps"])
 

@@ -11,7 +11,12 @@ from zoac.sinks.numbers import numbers
 
 
 class Wandb:
-    """One wandb run per run folder; offline unless the user's settings say otherwise."""
+    """One wandb run per process; offline unless the user's settings say otherwise.
+
+    A run that was stopped and goes on is another wandb run of the same name and group, which begins
+    at the last checkpoint. It is not wandb's own resuming, which needs to be online and would mix
+    folders that hold the same configuration.
+    """
 
     def __init__(
         self,
@@ -32,7 +37,7 @@ class Wandb:
         self._mode = mode or os.environ.get("WANDB_MODE", "offline")
 
     def start(self, run: Mapping[str, Any]) -> None:
-        """Begin a wandb run, or go on with the one of the same identity."""
+        """Begin a wandb run, named after the identity."""
         import wandb
 
         if self._folder is not None:

@@ -1,0 +1,72 @@
+"""A run of a user's own YAML file, loaded again."""
+
+import json
+import sys
+
+import pytest
+
+import zoac
+from zoac.config import compose_config, resolved
+from zoac.errors import RunFolderError
+from zoac.session import run_session
+
+MODULE = """
+from tests.core.test_adapters import Drift
+
+def act(params, obs):
+    return -params["k"] * obs[0] + params["bias"]
+"""
+
+YAML = """
+_target_: zoac.adapters.user_task
+env: load_result_plant.Drift
+controller: load_result_plant.act
+space:
+  k: {low: 0.0, high: 1.0, unit: N/m}
+  bias: 0.125
+max_episode_steps: 5
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The run folder; as the current folder, the one that holds module and configuration."""
+    (tmp_path / "conf" / "task").mkdir(parents=True)
+    (tmp_path / "conf" / "task" / "drift.yaml").write_text(YAML)
+    (tmp_path / "load_result_plant.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    small = ["budget=20", "lanes=2", "evaluation.episodes=1", "evaluation.final_episodes=1"]
+    config = resolved(compose_config(["task=drift", "tuner=random", *small]))
+    run_session(config, task="drift", tuner="random", command=[])
+    yield tmp_path / "runs" / "drift" / "random" / "seed=0"
+    sys.modules.pop("load_result_plant", None)
+
+
+def told(folder, **changes):
+    """Change keys of `run.json`; None deletes one."""
+    run = {**json.loads((folder / "run.json").read_text()), **changes}
+    kept = {key: value for key, value in run.items() if value is not None}
+    (folder / "run.json").write_text(json.dumps(kept))
+
+
+@pytest.mark.parametrize("fixed", [None, {"bias": 0.125}])
+def test_fixed_parameters_are_loaded_and_exported(folder, tmp_path, fixed):
+    told(folder, fixed=fixed)
+    result = zoac.load_result(folder)
+    assert set(result.parameters) == {"k", "bias"}
+    assert result.parameters["bias"] == 0.125
+    written = json.loads(result.export(tmp_path / "gains.json").read_text())
+    assert written == result.parameters
+
+
+def test_without_its_module_a_run_that_does_not_name_its_fixed_parameters_says_so(
+    folder, tmp_path, monkeypatch
+):
+    (tmp_path / "load_result_plant.py").unlink()
+    sys.modules.pop("load_result_plant", None)
+    told(folder, fixed={"bias": 0.125})
+    assert zoac.load_result(folder).parameters["bias"] == 0.125
+    told(folder, fixed=None)
+    with pytest.raises(RunFolderError, match="no module 'load_result_plant'.*give it to load_res"):
+        zoac.load_result(folder)

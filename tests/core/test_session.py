@@ -1,0 +1,82 @@
+"""A run folder belongs to one run, whatever happens to it."""
+
+import pathlib
+import shutil
+
+import pytest
+
+from tests.core.test_api import tune
+from zoac import checkpoint, locks, records
+from zoac.errors import RunFolderError
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A run that is done, with a checkpoint still there."""
+    tune(folder=tmp_path / "run")
+    checkpoint.save(tmp_path / "run" / records.CHECKPOINTS, {})
+    return tmp_path / "run"
+
+
+def whose(folder):
+    """Tell whether what is left of a run can be told to be its own."""
+    left = {path.name for path in folder.iterdir()} & {
+        records.CHECKPOINTS, records.RESULT, records.METRICS, records.TASK
+    }  # fmt: skip
+    return not left or (folder / records.RUN).is_file()
+
+
+@pytest.mark.parametrize("done", range(5))
+def test_killed_while_it_is_overwritten_what_is_left_is_still_its_own(folder, monkeypatch, done):
+    steps = iter(range(100))
+    remove, unlink = shutil.rmtree, pathlib.Path.unlink
+
+    def die_or(act):
+        def step(*arguments, **options):
+            if next(steps) == done:
+                raise KeyboardInterrupt
+            act(*arguments, **options)
+
+        return step
+
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "rmtree", die_or(remove))
+        patch.setattr(pathlib.Path, "unlink", die_or(unlink))
+        with pytest.raises(KeyboardInterrupt):
+            tune(folder=folder, budget=600, resume="overwrite")
+    assert whose(folder)
+
+
+def test_overwriting_leaves_nothing_of_the_run_before(folder):
+    result = tune(folder=folder, budget=600, resume="overwrite")
+    assert result.env_steps >= 600
+    assert result.history["env_steps"].is_monotonic_increasing
+
+
+@pytest.mark.parametrize("left", [records.RESULT, records.CHECKPOINTS])
+def test_what_lies_there_without_run_json_is_nobodys(folder, left):
+    for path in folder.iterdir():
+        if path.name != left:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    with pytest.raises(RunFolderError, match="without its run.json: whose it is cannot be told"):
+        tune(folder=folder, budget=600)
+
+
+def test_a_run_json_without_a_configuration_is_refused(folder):
+    (folder / records.RUN).write_text('{"format": 1}')
+    with pytest.raises(RunFolderError, match="says nothing of the configuration"):
+        tune(folder=folder)
+
+
+def test_a_file_system_without_locks_is_not_taken_for_a_lock_that_is_held(tmp_path, monkeypatch):
+    fcntl = pytest.importorskip("fcntl", reason="locks are made otherwise here")
+
+    def refuse(*arguments):
+        raise OSError(37, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with (
+        pytest.raises(RunFolderError, match="no locks .No locks available.; choose another"),
+        locks.locked(tmp_path / ".lock", wait=True),
+    ):
+        pass
