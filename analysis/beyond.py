@@ -87,7 +87,7 @@ def reference_run(runs: Sequence[Run], reference: str) -> Run:
     if not nominal:
         raise RunFolderError(
             f"no run of the nominal controller on {runs[0].method.task}; make one with "
-            "tuner=nominal, or give --reference best"
+            "tuner=nominal, or give --reference best, or another --task"
         )
     return nominal[0]
 

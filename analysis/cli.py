@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from zoac.analysis.load import Collection, load
+from zoac.analysis.load import WITHOUT_VARIANT, Collection, load
 from zoac.errors import ConfigError, ZoacError, suggest
 from zoac.output import reader_may_leave
 
@@ -58,6 +58,15 @@ def seeds(text: str) -> list[int]:
             raise argparse.ArgumentTypeError(f"expected seeds such as 0,3,4 or 0-9, got {text!r}")
         found.update(range(int(first), int(last or first) + 1))
     return sorted(found)
+
+
+def add_variant(parser: argparse.ArgumentParser) -> None:
+    """Add --variant, for `Collection.of_variant`."""
+    parser.add_argument(
+        "--variant",
+        metavar="NAME",
+        help=f"keep to runs of this variant; {WITHOUT_VARIANT}: to those without one",
+    )
 
 
 def add_formats(parser: argparse.ArgumentParser) -> None:

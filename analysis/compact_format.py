@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -79,8 +80,13 @@ def _key(row: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def _rows(path: Path) -> list[dict[str, Any]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    text = path.read_bytes().decode("utf-8")
+    if not text.endswith("\n"):
+        raise ValueError(f"the end of {path.name} is lost")
+    rows = list(csv.DictReader(io.StringIO(text, newline="")))
+    for number, row in enumerate(rows, start=2):
+        if None in row or None in row.values():
+            raise ValueError(f"{path.name}, row {number} has not the columns of the first")
     return [
         {name: _value(name, cell) for name, cell in row.items() if cell != "" or name == "variant"}
         for row in rows

@@ -225,12 +225,7 @@ def _is_untuned(run: Run) -> bool:
 def _check(groups: dict[Method, list[Run]]) -> None:
     for group in groups.values():
         refuse_mixed(group)
-    try:
-        refuse_unequal([group[0] for group in groups.values()])
-    except RunFolderError as error:
-        variants = sorted({m.variant for m in groups if m.variant})
-        hint = f"\nchoose with --variant: {', '.join(variants)}" if variants else ""
-        raise RunFolderError(f"{error}{hint}") from None
+    refuse_unequal([group[0] for group in groups.values()])
 
 
 def _expected(task: str, groups: dict[Method, list[Run]]) -> set[Method]:

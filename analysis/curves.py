@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--metric", help="any logged number; default: cost and prediction error")
     parser.add_argument("--against", choices=AXES, default=AXES[0])
     parser.add_argument("--statistic", choices=tuple(STATISTICS), default="mean")
-    parser.add_argument("--variant", help="keep to runs of this variant")
+    cli.add_variant(parser)
     cli.add_formats(parser)
     return cli.guarded(_command, parser, argv)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from zoac.analysis.load import Run
+from zoac.analysis.load import Run, variants
 from zoac.build import NOTES
 from zoac.errors import RunFolderError
 from zoac.records import differing_keys
@@ -62,8 +62,10 @@ def refuse_unequal(runs: Sequence[Run], *, any_budget: bool = False) -> None:
     )
     if mixed:
         terms = "" if any_budget else " under the same budget"
+        told = variants(run for run in runs if run.tuned)
+        hint = f"\nchoose with --variant: {', '.join(told)}" if len(told) > 1 else ""
         raise RunFolderError(
-            f"these runs did not solve the same problem{terms} and are not compared:{mixed}"
+            f"these runs did not solve the same problem{terms} and are not compared:{mixed}{hint}"
         )
 
 

@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = cli.parser("landscape", "Parameters and cost landscape (Fig. 4).", out="figures")
     parser.add_argument("--task", help="default: the only one there is")
     parser.add_argument("--tuner", default="zoac", help="default: zoac")
-    parser.add_argument("--variant", help="keep to runs of this variant")
+    cli.add_variant(parser)
     parser.add_argument("--parameters", help="names, with commas between; default: all")
     parser.add_argument(
         "--points", type=cli.count, default=25, help="along each parameter; default: 25"

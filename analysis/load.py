@@ -178,14 +178,30 @@ class Collection:
     def of_variant(self, variant: str) -> Collection:
         """Return the runs of the named variant, and untuned ones, with every skipped folder.
 
+        Args:
+            variant: Its name; `WITHOUT_VARIANT`: runs that have none.
+
         Raises:
             RunFolderError: If there is none.
         """
-        known = {run.method.variant for run in self.runs if run.method.variant}
+        known = variants(self.runs)
         if variant not in known:
             raise RunFolderError(f"no run of variant {variant!r}; {suggest(variant, known)}")
-        runs = (r for r in self.runs if r.method.variant == variant or (r.result and not r.tuned))
+        runs = (r for r in self.runs if _variant(r) == variant or (r.result and not r.tuned))
         return Collection(tuple(runs), self.skipped)
+
+
+WITHOUT_VARIANT = "none"
+"""What runs without a variant are called where variants are chosen."""
+
+
+def variants(runs: Iterable[Run]) -> list[str]:
+    """Return the variants that there are, `WITHOUT_VARIANT` among them."""
+    return sorted({_variant(run) for run in runs})
+
+
+def _variant(run: Run) -> str:
+    return run.method.variant or WITHOUT_VARIANT
 
 
 def unfinished(run: Run) -> str:

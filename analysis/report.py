@@ -28,7 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Write the report; return the exit code."""
     parser = cli.parser("report", "One HTML page about a run or a sweep.", out="reports")
     parser.add_argument("--task", help="keep to this task; default: all")
-    parser.add_argument("--variant", help="keep to runs of this variant")
+    cli.add_variant(parser)
     parser.add_argument(
         "--no-replay", action="store_true", help="do not drive controllers for closed-loop plots"
     )

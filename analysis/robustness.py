@@ -77,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = cli.parser("robustness", "Tuned parameters on varied plants.", out="robustness")
     parser.add_argument("--task", help="default: the only one there is")
     parser.add_argument("--tuner", help="default: zoac's median run, or whatever was tuned")
-    parser.add_argument("--variant", help="keep to runs of this variant")
+    cli.add_variant(parser)
     parser.add_argument("--seed", type=int, help="default: the median run")
     parser.add_argument(
         "--vary", action="append", default=[], metavar="NAME=LOW,HIGH", help="may be repeated"

@@ -70,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Write the table of one task in three formats; return the exit code."""
     parser = cli.parser("table2", "Table II: ours beside the paper's.", out="tables")
     parser.add_argument("--task", default="mpc_tracking", help="default: mpc_tracking")
-    parser.add_argument("--variant", help="keep to runs of this variant")
+    cli.add_variant(parser)
     parser.add_argument(
         "--budget",
         type=cli.count,

@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Draw closed loops, or film one before and after tuning; return the exit code."""
     parser = cli.parser("trajectories", "Closed loops (Figs. 5 and 6).", out="figures")
     parser.add_argument("--task", help="default: the only one there is")
-    parser.add_argument("--variant", help="keep to runs of this variant")
+    cli.add_variant(parser)
     parser.add_argument(
         "--seed", type=int, help="show this seed; default: of each tuner the median one in cost"
     )

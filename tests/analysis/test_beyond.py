@@ -80,7 +80,7 @@ def test_terminations_while_tuning_are_told_where_they_were_counted(runs, tmp_pa
 def test_without_a_nominal_run_it_says_what_to_do(tmp_path, capsys):
     write_run(tmp_path / "runs")
     assert beyond.main([str(tmp_path / "runs")]) == 1
-    assert "tuner=nominal, or give --reference best" in capsys.readouterr().err
+    assert "tuner=nominal, or give --reference best, or another --task" in capsys.readouterr().err
 
 
 def test_other_evaluation_episodes_are_refused(runs, capsys):

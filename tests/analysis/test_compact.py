@@ -114,6 +114,14 @@ def test_a_folder_of_another_form_is_refused_by_name(small, capsys):
     assert "write them anew with python -m zoac.analysis.compact" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("cut", [lambda b: b[:-3], lambda b: b[: b.rindex(b",")] + b"\n"])
+def test_a_file_that_was_cut_off_is_refused_by_name(small, capsys, cut):
+    path = small / "runs.csv"
+    path.write_bytes(cut(path.read_bytes()))
+    assert table2.main([str(small), "--task", "pid_acc"]) == 1
+    assert "write them anew with python -m zoac.analysis.compact" in capsys.readouterr().err
+
+
 def test_what_methods_have_in_common_is_written_once(runs, small):
     text = (small / "methods.json").read_text()
     assert text.count('"preceding_std"') == text.count('"low"') / 4 == 1

@@ -107,8 +107,10 @@ def test_variants_that_do_not_compare_are_offered_as_a_choice(
     write_run(sweep, "zoac", 0, variant="short", config={"budget": 500})
     command = [str(sweep), "--task", "pid_acc", "--out", str(tmp_path)]
     assert main(command) == 1
-    assert "choose with --variant: short" in capsys.readouterr().err
+    assert "choose with --variant: none, short" in capsys.readouterr().err
     assert main([*command, "--variant", "short"]) == 0
+    assert main([*command, "--variant", "none"]) == 0
+    assert "5 seeds" in capsys.readouterr().out
     assert main([*command, "--variant", "shorter"]) == 1
     assert "no run of variant 'shorter'; did you mean 'short'?" in capsys.readouterr().err
 
