@@ -114,7 +114,9 @@ def test_a_folder_of_another_form_is_refused_by_name(small, capsys):
     assert "write them anew with python -m zoac.analysis.compact" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("cut", [lambda b: b[:-3], lambda b: b[: b.rindex(b",")] + b"\n"])
+@pytest.mark.parametrize(
+    "cut", [lambda b: b[:-3], lambda b: b[: b.rindex(b"pid_acc")] + b"a,b,,1,5,6\n"]
+)
 def test_a_file_that_was_cut_off_is_refused_by_name(small, capsys, cut):
     path = small / "runs.csv"
     path.write_bytes(cut(path.read_bytes()))
