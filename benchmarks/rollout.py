@@ -6,6 +6,7 @@ numbers of lanes, in one process.
 
 from __future__ import annotations
 
+import argparse
 import time
 
 import numpy as np
@@ -30,6 +31,7 @@ def steps_per_second(lanes: int, horizon: int | None, seconds: float = 2.0) -> f
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__).parse_args()
     print("lanes  segments of 10 [steps/s]  whole episodes [steps/s]")
     for lanes in (1, 10, 100, 1000):
         rates = [steps_per_second(lanes, horizon) for horizon in (10, None)]

@@ -6,6 +6,7 @@ seconds of the critic (the tuner's share), of solvers, of evaluation and of the 
 
 from __future__ import annotations
 
+import argparse
 import sys
 import tempfile
 
@@ -14,8 +15,11 @@ from zoac.session import run_session
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("overrides", nargs="*", metavar="key=value")
+    given = parser.parse_args().overrides
     with tempfile.TemporaryDirectory() as folder:
-        overrides = [*sys.argv[1:], f"runs_dir={folder}"]
+        overrides = [*given, f"runs_dir={folder}"]
         config = compose_config(overrides)
         choices = config.hydra.runtime.choices
         result = run_session(

@@ -6,6 +6,7 @@ of date.
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import io
 import json
@@ -278,4 +279,5 @@ def page() -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     print(page(), end="")

@@ -7,6 +7,7 @@ last one whose save had returned.
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 import tempfile
@@ -83,6 +84,7 @@ class _Halting:
 
 def main() -> None:
     """Die everywhere once."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     die_at = 0
     while True:
         die_at += 1

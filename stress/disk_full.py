@@ -7,6 +7,7 @@ on the bits of a run that was never disturbed.
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import sys
 import tempfile
@@ -114,6 +115,7 @@ def stopped_by_a_full_disk(disk: Path, moment: str, train: Any) -> str:
 
 def main() -> None:
     """Fill the disk at every moment."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     from tests.core.test_disk_full import numbers, train_in
 
     with tempfile.TemporaryDirectory() as whole:
