@@ -148,7 +148,8 @@ _COUNTS_STEPS = re.compile(r"\+*(budget|eval_every)=")
 
 def _written_out(found: re.Match[str]) -> str:
     number = float(found[0])
-    counts = _COUNTS_STEPS.match(found.string) and number.is_integer()
+    # Beyond 1e15 not every whole number is one of these, and nobody means it.
+    counts = _COUNTS_STEPS.match(found.string) and number.is_integer() and number <= 1e15
     return str(int(number)) if counts else found[0]
 
 

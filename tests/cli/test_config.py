@@ -104,6 +104,7 @@ def test_a_mistyped_key_is_measured_against_the_chosen_option(overrides, meant):
         ("budget=2.5e4,1E5", "budget=25000,100000"),
         ("eval_every=1e+3", "eval_every=1000"),
         ("budget=1.5e0", "budget=1.5e0"),
+        ("budget=1e99", "budget=1e99"),
         ("tuner.sigma=1e1", "tuner.sigma=1e1"),
         ("variant=budget=1e3", "variant=budget=1e3"),
     ],
