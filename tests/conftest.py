@@ -3,6 +3,11 @@
 import tempfile
 
 import pytest
+from hypothesis import settings
+
+# A busy machine is no reason to fail, nor is the first call of what is compiled.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 
 @pytest.fixture(autouse=True)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.baselines.support import LANES, STEPS, TARGET, Quadratic, drive, problem
@@ -70,7 +70,6 @@ def test_optuna_knows_them_by_their_own_kinds():
     )
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=8, max_size=8))
 def test_a_point_keeps_its_values_through_optunas_parameters(z):
     z = np.array(z)
