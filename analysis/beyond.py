@@ -21,7 +21,7 @@ from zoac.analysis import cli
 from zoac.analysis.fairness import refuse_mixed, refuse_unequal
 from zoac.analysis.formatting import NOTHING, pipes
 from zoac.analysis.labels import TASKS, TUNERS
-from zoac.analysis.load import Run
+from zoac.analysis.runs import Run
 from zoac.errors import RunFolderError
 
 REFERENCES = ("nominal", "best")

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from zoac.analysis.load import WITHOUT_VARIANT, Collection, load
+from zoac.analysis.load import load
+from zoac.analysis.runs import WITHOUT_VARIANT, Collection
 from zoac.errors import ConfigError, ZoacError, suggest
 from zoac.output import reader_may_leave
 

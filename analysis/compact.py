@@ -36,7 +36,7 @@ from zoac.analysis.compact_format import (
     TIMES,
 )
 from zoac.analysis.fairness import refuse_mixed
-from zoac.analysis.load import Run, by_method
+from zoac.analysis.runs import Run, by_method
 
 OF_ONE_RUN = ("seed", "config_hash", "command", "started")
 """Keys of run.json that belong to a single run."""

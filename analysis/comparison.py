@@ -11,7 +11,7 @@ import numpy as np
 from zoac.analysis.claims import Claim, claim_stream, claims
 from zoac.analysis.fairness import refuse_mixed, refuse_unequal
 from zoac.analysis.labels import TASKS, family, method_labels
-from zoac.analysis.load import Collection, Method, Run, by_method
+from zoac.analysis.runs import Collection, Method, Run, by_method
 from zoac.analysis.stats import (
     Interval,
     Scores,

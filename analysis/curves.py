@@ -18,8 +18,9 @@ from matplotlib.figure import Figure
 
 from zoac.analysis import cli, style
 from zoac.analysis.fairness import refuse_mixed, refuse_unequal
+from zoac.analysis.frames import numbers
 from zoac.analysis.labels import METRICS, TASKS, family, method_labels
-from zoac.analysis.load import Collection, Method, Run, by_method, numbers
+from zoac.analysis.runs import Collection, Method, Run, by_method
 from zoac.analysis.stats import Scores, interquartile_mean, mean, step_value, summarise
 from zoac.errors import ConfigError, suggest
 from zoac.seeding import stream

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from zoac.analysis.load import Run, variants
+from zoac.analysis.runs import Run, variants
 from zoac.build import NOTES
 from zoac.errors import RunFolderError
 from zoac.records import differing_keys

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from zoac.analysis import cli, replay, style
-from zoac.analysis.load import Run
+from zoac.analysis.runs import Run
 from zoac.errors import ConfigError, RunFolderError, suggest
 from zoac.segments import Segment
 from zoac.task import Task, Trace

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from zoac.analysis.load import Method
+from zoac.analysis.runs import Method
 
 TUNERS = {
     "zoac": "ZOAC",

@@ -21,7 +21,7 @@ from matplotlib.ticker import MaxNLocator
 from zoac.analysis import cli, replay, style
 from zoac.analysis.fairness import refuse_mixed
 from zoac.analysis.labels import unit_label
-from zoac.analysis.load import Run, by_method
+from zoac.analysis.runs import Run, by_method
 from zoac.analysis.selection import chosen, median_run
 from zoac.errors import ConfigError, suggest
 from zoac.parameters import Parameter, ParameterSpace

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zoac.analysis.load import Run
+from zoac.analysis.runs import Run
 from zoac.errors import ConfigError, RunFolderError
 from zoac.evaluation import evaluation_proposals
 from zoac.rollout import LaneGroup

@@ -20,7 +20,7 @@ from zoac.analysis.formatting import (
     without_empty_columns,
 )
 from zoac.analysis.labels import METRICS, TASKS, family, method_labels
-from zoac.analysis.load import Collection
+from zoac.analysis.runs import Collection
 from zoac.analysis.selection import chosen
 
 

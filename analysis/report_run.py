@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from zoac.analysis import html, replay, style
 from zoac.analysis.formatting import NOTHING, estimate, number, without_empty_columns
 from zoac.analysis.labels import METRICS, unit_label
-from zoac.analysis.load import Run
+from zoac.analysis.runs import Run
 from zoac.analysis.stats import Scores, paired_difference
 from zoac.analysis.trajectories import Loop, draw_panel
 from zoac.errors import RunFolderError

@@ -23,8 +23,9 @@ from matplotlib.figure import Figure
 
 from zoac.analysis import cli, replay, style
 from zoac.analysis.formatting import number, pipes
+from zoac.analysis.frames import numbers
 from zoac.analysis.labels import unit_label
-from zoac.analysis.load import Run, numbers
+from zoac.analysis.runs import Run
 from zoac.analysis.selection import chosen
 from zoac.build import NOTES
 from zoac.errors import ConfigError, RunFolderError, suggest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from zoac.analysis.load import Collection, Run, by_method
+from zoac.analysis.runs import Collection, Run, by_method
 from zoac.errors import RunFolderError
 
 

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from zoac.analysis.labels import REGULARISED
-from zoac.analysis.load import Method
+from zoac.analysis.runs import Method
 
 COLUMN, PAGE = 3.5, 7.16
 """Widths of one and of two columns [in]."""

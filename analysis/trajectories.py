@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from zoac.analysis import cli, replay, style
 from zoac.analysis.labels import TASKS, method_labels
-from zoac.analysis.load import Run
+from zoac.analysis.runs import Run
 from zoac.analysis.selection import chosen
 from zoac.segments import Segment
 from zoac.task import Task

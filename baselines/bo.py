@@ -17,8 +17,9 @@ from scipy.optimize import minimize
 from sklearn.gaussian_process import GaussianProcessRegressor
 
 from zoac.baselines.acquisition import Acquisition
-from zoac.baselines.episodes import Count, Positive, Share
 from zoac.baselines.nevergrad import NevergradTuner
+from zoac.numbers import Count, NonNegative, Positive, Share
+from zoac.parameters import ParameterSpace
 from zoac.tuner import Problem
 
 Rounding = Callable[[np.ndarray], np.ndarray]
@@ -40,9 +41,9 @@ class BayesOpt(NevergradTuner):
         initial_design: Count | None = None,
         noise: Positive = 1e-6,
         acquisition: Literal["ucb", "ei", "poi"] = "ucb",
-        kappa: Annotated[float, Field(ge=0)] = 2.576,
-        xi: Annotated[float, Field(ge=0)] = 0.0,
-        refit_growth: Annotated[float, Field(ge=0)] = 0.05,
+        kappa: NonNegative = 2.576,
+        xi: NonNegative = 0.0,
+        refit_growth: NonNegative = 0.05,
         max_observations: Annotated[int, Field(ge=10)] | None = 300,
         recommendation: Literal["library", "mean", "best_seen", "reevaluated"] = "library",
         reevaluate_top: Count = 10,
@@ -108,7 +109,7 @@ class BayesOpt(NevergradTuner):
             bo._gp = BoundedRegressor.like(
                 bo._gp, self._model["refit_growth"], self._model["max_observations"]
             )
-            bo.suggest = partial(suggest, bo, rounded=self._rounded)
+            bo.suggest = partial(suggest, bo, rounded=partial(rounded_points, self._problem.space))
             if self._suggests_start:
                 optimizer.suggest(self._first)
         return optimizer
@@ -125,13 +126,8 @@ class BayesOpt(NevergradTuner):
         if self._recommendation != "mean" or not hasattr(bo._gp, "X_train_"):
             return super()._own_recommendation()
         points = bo.space.params
-        return points[int(np.argmax(bo._gp.predict(self._rounded(points))))] * 2.0 - 1.0
-
-    def _rounded(self, points: np.ndarray) -> np.ndarray:
-        """`ParameterSpace.rounded` of points (..., d) in the library's box [0, 1]^d."""
-        z = points * 2.0 - 1.0
-        rounded = self._problem.space.rounded(z)
-        return np.where(rounded == z, points, (rounded + 1.0) / 2.0)
+        means = bo._gp.predict(rounded_points(self._problem.space, points))
+        return points[int(np.argmax(means))] * 2.0 - 1.0
 
     def _own_state(self) -> Any:
         # Replaying would ask everything again, for hours; this optimiser pickles exactly.
@@ -199,6 +195,13 @@ def kept_observations(values: np.ndarray, cap: int | None) -> np.ndarray:
     latest = np.arange(n - cap // 2, n)
     earlier = np.argsort(-values[: latest[0]], kind="stable")[: cap - len(latest)]
     return np.concatenate([np.sort(earlier), latest])
+
+
+def rounded_points(space: ParameterSpace, points: np.ndarray) -> np.ndarray:
+    """`ParameterSpace.rounded` of points (..., d) in the library's box [0, 1]^d."""
+    z = points * 2.0 - 1.0
+    rounded = space.rounded(z)
+    return np.where(rounded == z, points, (rounded + 1.0) / 2.0)
 
 
 def suggest(bo: Any, utility: Any, rounded: Rounding = np.asarray) -> dict[str, float]:

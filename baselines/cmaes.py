@@ -8,9 +8,9 @@ import nevergrad as ng
 import numpy as np
 from pydantic import Field
 
-from zoac.baselines.episodes import Count, Positive, Share
 from zoac.baselines.nevergrad import NevergradTuner
 from zoac.errors import ConfigError
+from zoac.numbers import Count, Positive, Share
 from zoac.tuner import Problem
 
 

@@ -5,19 +5,15 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from zoac.errors import ConfigError
+from zoac.numbers import Count, Share
 from zoac.seeding import stream_seed
 from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem, Tuner
-
-Share = Annotated[float, Field(gt=0, lt=1)]
-Count = Annotated[int, Field(ge=1)]
-Positive = Annotated[float, Field(gt=0)]
 
 UNKNOWN_WORST = 1e6
 """Told for an episode whose cost is not finite while no finite cost is known at all."""

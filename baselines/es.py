@@ -7,7 +7,8 @@ from typing import Any, Literal
 import numpy as np
 
 from zoac.algorithm.adam import Adam
-from zoac.baselines.episodes import Count, EpisodeTuner, Positive, Share, starting_point
+from zoac.baselines.episodes import EpisodeTuner, starting_point
+from zoac.numbers import Count, Positive, Share
 from zoac.tuner import Problem
 
 

@@ -15,8 +15,9 @@ import numpy as np
 from nevergrad.common.errors import InefficientSettingsWarning
 from nevergrad.optimization import recaster
 
-from zoac.baselines.episodes import Count, EpisodeTuner, Positive, Share, starting_point
+from zoac.baselines.episodes import EpisodeTuner, starting_point
 from zoac.errors import ConfigError, suggest
+from zoac.numbers import Count, Positive, Share
 from zoac.tuner import Problem
 
 Optimizer = Any

@@ -13,8 +13,9 @@ from scipy.special import ndtri
 from scipy.stats import rankdata
 
 from zoac.baselines.bo import kept_observations
-from zoac.baselines.episodes import Count, EpisodeTuner, Share, starting_point
+from zoac.baselines.episodes import EpisodeTuner, starting_point
 from zoac.errors import ConfigError
+from zoac.numbers import Count, Share
 from zoac.parameters import Parameter, ParameterSpace
 from zoac.tuner import Problem
 

@@ -6,7 +6,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from zoac.baselines.episodes import Count, EpisodeTuner, Share
+from zoac.baselines.episodes import EpisodeTuner
+from zoac.numbers import Count, Share
 from zoac.tuner import Problem
 
 

@@ -30,11 +30,9 @@ from typing import Any
 
 from zoac import checkpoint, process, run, worker
 from zoac.config import compose_config
-from zoac.records import is_done, read_metrics, read_result
+from zoac.records import CLOCKS, is_done, read_metrics, read_result
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
-CLOCKS = ("wall_seconds", "compute_seconds", "solver_seconds", "tuner_seconds",
-          "evaluation_seconds", "checkpoint_seconds")  # fmt: skip
 EXECUTORS = {"serial": [], "process": ["executor.workers=2"]}
 COMMON = [
     "budget=3000", "eval_every=600", "evaluation.episodes=2", "evaluation.final_episodes=2",

@@ -42,7 +42,8 @@ def load(folder: Path) -> tuple[Any, list[str]] | None:
     """Return the newest whole checkpoint and what was wrong with newer ones; None if none exists.
 
     Raises:
-        RunFolderError: If checkpoints exist but none can be read, or one has another format.
+        RunFolderError: If checkpoints exist but none can be read, or one has another format or
+            holds what the installed packages do not know.
     """
     complaints: list[str] = []
     for name in (CURRENT, PREVIOUS):
@@ -59,6 +60,15 @@ def load(folder: Path) -> tuple[Any, list[str]] | None:
             "resume=overwrite"
         )
     return None
+
+
+def unfit(what: str, error: Exception) -> RunFolderError:
+    """Return the refusal of a whole checkpoint that the installed packages cannot take up."""
+    return RunFolderError(
+        f"{what}: it is whole, but not of these versions of zoac and its packages "
+        f"({type(error).__name__}: {error}). Finish the run with those that began it, or start "
+        "anew with resume=overwrite"
+    )
 
 
 class _DamagedError(Exception):
@@ -82,4 +92,7 @@ def _read(path: Path) -> Any:
         )
     if hashlib.sha256(body).hexdigest() != checksum:
         raise _DamagedError("the content does not match its checksum")
-    return pickle.loads(body)
+    try:
+        return pickle.loads(body)
+    except Exception as error:
+        raise unfit(str(path), error) from error

@@ -12,6 +12,7 @@ import numpy as np
 
 from zoac import records
 from zoac.errors import ConfigError, suggest
+from zoac.numbers import is_number
 
 if TYPE_CHECKING:
     from zoac.task import Task
@@ -167,7 +168,7 @@ class TunedController:
         named = {name: parameters[name] for name in task.space.names if name in parameters}
         values = task.space.values(task.space.unit(named))
         self._values = {
-            name: np.array([named[name] if _is_number(named[name]) else value], dtype=np.float64)
+            name: np.array([named[name] if is_number(named[name]) else value], dtype=np.float64)
             for name, value in zip(task.space.names, values, strict=True)
         }
         self._controller = task.make_controller()
@@ -182,7 +183,3 @@ class TunedController:
         observation = np.asarray(observation, dtype=np.float64).reshape(1, -1)
         actions, self._memory, _ = self._controller.act(self._values, observation, self._memory)
         return self._task.env_action(np.asarray(actions, dtype=np.float64)[0])
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)

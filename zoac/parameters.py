@@ -20,6 +20,7 @@ from typing import Any, Literal
 import numpy as np
 
 from zoac.errors import ConfigError, suggest
+from zoac.numbers import is_number
 
 Scale = Literal["linear", "log"]
 Kind = Literal["real", "integer", "choice"]
@@ -83,7 +84,7 @@ class Parameter:
     @property
     def numeric(self) -> bool:
         """Whether its values are numbers."""
-        return all(isinstance(o, (int, float)) and not isinstance(o, bool) for o in self.options)
+        return all(is_number(o) for o in self.options)
 
     def share(self, values: Any) -> Any:
         """Return where in [-1, 1] the middle of a whole number's share is, any shape."""

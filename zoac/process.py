@@ -8,11 +8,10 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
-
-from pydantic import Field
+from typing import Any
 
 from zoac.errors import WorkerError
+from zoac.numbers import Count
 from zoac.spread import Handle, Spread
 from zoac.task import Task
 from zoac.worker import receive, send
@@ -24,8 +23,8 @@ class Process(Spread):
     def __init__(
         self,
         *,
-        workers: Annotated[int, Field(ge=1)] | None = None,
-        attempts: Annotated[int, Field(ge=1)] = 3,
+        workers: Count | None = None,
+        attempts: Count = 3,
     ) -> None:
         """
         Args:

@@ -9,11 +9,10 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
-from typing import Annotated, Any
-
-from pydantic import Field
+from typing import Any
 
 from zoac.errors import ConfigError, WorkerError
+from zoac.numbers import Count, Positive
 from zoac.spread import Handle, Spread
 from zoac.task import Task
 from zoac.worker import Worker, answered
@@ -30,10 +29,10 @@ class Ray(Spread):
     def __init__(
         self,
         *,
-        workers: Annotated[int, Field(ge=1)] | None = None,
-        attempts: Annotated[int, Field(ge=1)] = 3,
+        workers: Count | None = None,
+        attempts: Count = 3,
         address: str | None = None,
-        cores_per_worker: Annotated[float, Field(gt=0)] = 1.0,
+        cores_per_worker: Positive = 1.0,
     ) -> None:
         """
         Args:

@@ -24,12 +24,11 @@ from zoac.checks import check_arguments
 from zoac.config import compose_config, resolved
 from zoac.errors import ConfigError, ZoacError, suggest
 from zoac.locks import HeldError, locked
+from zoac.numbers import Count, Natural
 from zoac.output import reader_may_leave
 from zoac.records import config_hash, write_json
 from zoac.search_ranges import distributions, load_optuna, value_at
 from zoac.seeding import stream_seed
-
-Count = Annotated[int, Field(ge=1)]
 
 
 class Search:
@@ -41,11 +40,11 @@ class Search:
         *,
         ranges: Mapping[str, Any],
         trials: Count,
-        seeds: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)],
-        evaluation_seed: Annotated[int, Field(ge=0)],
+        seeds: Annotated[list[Natural], Field(min_length=1)],
+        evaluation_seed: Natural,
         startup: Count,
         prune: bool,
-        seed: Annotated[int, Field(ge=0)],
+        seed: Natural,
         folder: str,
         name: str | None,
         storage: str | None,

@@ -13,6 +13,7 @@ import numpy as np
 from zoac.environment import LaneEnv
 from zoac.errors import ConfigError, suggest
 from zoac.parameters import ParameterSpace
+from zoac.records import CLOCKS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,9 +59,8 @@ class Controller(Protocol):
 RESERVED = frozenset({
     "format", "task", "tuner", "seed", "variant", "config_hash", "kind", "final", "z", "parameters",
     "env_steps", "cost_mean", "cost_std", "cost_per_episode", "episode_lengths", "terminations",
-    "violations", "violations_by_constraint", "wall_seconds", "compute_seconds", "solver_seconds",
-    "tuner_seconds", "evaluation_seconds", "checkpoint_seconds", "lane_restarts",
-    "tuning_terminations", "start_cost_mean", "gate",
+    "violations", "violations_by_constraint", "lane_restarts", "tuning_terminations",
+    "start_cost_mean", "gate", *CLOCKS,
 })  # fmt: skip
 """Keys of evaluation rows and of `result.json`, which no metric may take. `solver_failures` is
 free: a metric of that name counts an evaluation's, `result.json` those of the whole run."""

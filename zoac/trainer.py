@@ -14,16 +14,17 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from zoac.checkpoint import unfit
 from zoac.constraints import FeasibilityFirst
 from zoac.evaluation import evaluation_proposals, evaluation_row
 from zoac.executor import Executor
+from zoac.numbers import Count, Natural, NonNegative, Share
 from zoac.runlog import RunLog
 from zoac.seeding import stream_seed
 from zoac.segments import Segment
 from zoac.task import Task
 from zoac.tuner import Tuner
 
-Count = Annotated[int, Field(ge=1)]
 SideBySide = Annotated[int, Field(ge=1, le=100_000)]  # all in memory at once
 
 
@@ -48,16 +49,16 @@ class Settings:
         failure_penalty: The task's, see `zoac.task.Task`; here to be checked with the rest.
     """
 
-    seed: Annotated[int, Field(ge=0)] = 0
-    budget: Annotated[int, Field(ge=0)] = 500_000
+    seed: Natural = 0
+    budget: Natural = 500_000
     lanes: SideBySide = 10
     eval_every: Count = 10_000
     episodes: SideBySide = 10
     final_episodes: SideBySide = 100
-    evaluation_seed: Annotated[int, Field(ge=0)] = 0
-    checkpoint_seconds: Annotated[float, Field(ge=0)] = 30.0
+    evaluation_seed: Natural = 0
+    checkpoint_seconds: NonNegative = 30.0
     trust: Annotated[float, Field(ge=0, le=1)] | None = None
-    gate: Annotated[float, Field(gt=0, lt=1)] | None = None
+    gate: Share | None = None
     failure_penalty: float | None = None
     scout: Count | None = None
     common_episodes: bool | None = None
@@ -272,7 +273,10 @@ class Trainer:
             self._log.rewind(0)
             return
         self.progress = Progress(**state["progress"])
-        self._tuner.restore(state["tuner"])
+        try:
+            self._tuner.restore(state["tuner"])
+        except Exception as error:
+            raise unfit("the tuner's state in the checkpoint", error) from error
         if state["lanes"] is not None:
             self._executor.restore(state["lanes"])
         else:

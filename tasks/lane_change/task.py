@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
-from pydantic import Field
 
+from zoac.numbers import Count
 from zoac.parameters import Parameter, ParameterSpace, choice, integer
 from zoac.segments import Segment
 from zoac.task import Constraint, Metric, Task
@@ -47,7 +45,7 @@ class LaneChange(Task):
     }  # fmt: skip
     """A careful driver's rules of thumb."""
 
-    def __init__(self, *, max_episode_steps: Annotated[int, Field(ge=1)] = 300) -> None:
+    def __init__(self, *, max_episode_steps: Count = 300) -> None:
         """
         Args:
             max_episode_steps: Time limit, in steps of 0.2 s.

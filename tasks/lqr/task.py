@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import Field
 from scipy.linalg import solve_discrete_are
 
+from zoac.numbers import Count, NonNegative
 from zoac.parameters import Parameter, ParameterSpace
 from zoac.task import Controller, Diagnostics, Memory, Parameters, Task
 from zoac.tasks.lqr.plant import A, B, LqrLanes, Q, R, optimal_gain
@@ -68,8 +68,8 @@ class Lqr(Task):
         self,
         *,
         tuned: Literal["gains", "weights"] = "gains",
-        noise: Annotated[float, Field(ge=0)] = 0.02,
-        max_episode_steps: Annotated[int, Field(ge=1)] = 200,
+        noise: NonNegative = 0.02,
+        max_episode_steps: Count = 200,
     ) -> None:
         """
         Args:

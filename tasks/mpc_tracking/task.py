@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import Field
 
 from zoac.mpc.policy import MpcOptions
 from zoac.mpc.solvers.base import Solver
+from zoac.numbers import Count, NonNegative
 from zoac.segments import Segment
 from zoac.task import Metric, Task, Trace
 from zoac.tasks.mpc_tracking.controller import NOMINAL, SPACE, TrackingMpc, WeightLayout
@@ -49,8 +49,8 @@ class MpcTracking(Task):
         solver: Solver,
         mpc: MpcOptions | None = None,
         weights: WeightLayout = "separate",
-        regularisation: Annotated[float, Field(ge=0)] = 0.0,
-        max_episode_steps: Annotated[int, Field(ge=1)] = 200,
+        regularisation: NonNegative = 0.0,
+        max_episode_steps: Count = 200,
     ) -> None:
         """
         Args:

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from pydantic import Field
-
+from zoac.numbers import Count, Positive
 from zoac.parameters import Parameter, ParameterSpace
 from zoac.task import Task
 from zoac.tasks.pendulum.controller import EnergyPd
 from zoac.tasks.pendulum.plant import PendulumLanes
-
-Positive = Annotated[float, Field(gt=0)]
 
 
 class Pendulum(Task):
@@ -33,7 +28,7 @@ class Pendulum(Task):
         *,
         mass: Positive = 1.0,
         length: Positive = 1.0,
-        max_episode_steps: Annotated[int, Field(ge=1)] = 200,
+        max_episode_steps: Count = 200,
     ) -> None:
         """See `PendulumLanes` for the options."""
         self._mass, self._length, self._steps = mass, length, max_episode_steps

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
-from pydantic import Field
-
+from zoac.numbers import Count, NonNegative
 from zoac.parameters import Parameter, ParameterSpace
 from zoac.segments import Segment
 from zoac.task import Task, Trace
@@ -26,9 +25,9 @@ class PidAcc(Task):
     def __init__(
         self,
         *,
-        preceding_std: Annotated[float, Field(ge=0)] = 0.05,
+        preceding_std: NonNegative = 0.05,
         jerk: Literal["rate", "increment"] = "rate",
-        max_episode_steps: Annotated[int, Field(ge=1)] = 1000,
+        max_episode_steps: Count = 1000,
     ) -> None:
         """See `PidAccLanes` for the options."""
         self._preceding_std, self._max_episode_steps = preceding_std, max_episode_steps

@@ -8,6 +8,12 @@ import pytest
 from tests.analysis.folders import NOMINAL, write_run
 
 
+@pytest.fixture(autouse=True)
+def a_folder_to_write_into(tmp_path_factory, monkeypatch):
+    """Commands without --out write where they are called."""
+    monkeypatch.chdir(tmp_path_factory.mktemp("called_here"))
+
+
 @pytest.fixture
 def sweep(tmp_path: Path) -> Path:
     """Three tuners with five seeds each, and the nominal controller."""

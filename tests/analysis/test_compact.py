@@ -115,13 +115,20 @@ def test_a_folder_of_another_form_is_refused_by_name(small, capsys):
 
 
 @pytest.mark.parametrize(
-    "cut", [lambda b: b[:-3], lambda b: b[: b.rindex(b"pid_acc")] + b"a,b,,1,5,6\n"]
+    ("cut", "told"),
+    [
+        (lambda b: b[:-3], "the end of runs.csv is lost"),
+        (lambda b: b[: b.rindex(b"pid_acc")] + b"a,b,,1,5,6\n", "has not the columns"),
+        (lambda b: b[:-1] + b",7\n", "has not the columns"),
+    ],
 )
-def test_a_file_that_was_cut_off_is_refused_by_name(small, capsys, cut):
+def test_a_file_that_was_cut_off_is_refused_by_name(small, capsys, cut, told):
     path = small / "runs.csv"
     path.write_bytes(cut(path.read_bytes()))
     assert table2.main([str(small), "--task", "pid_acc"]) == 1
-    assert "write them anew with python -m zoac.analysis.compact" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert told in error
+    assert "write them anew with python -m zoac.analysis.compact" in error
 
 
 def test_what_methods_have_in_common_is_written_once(runs, small):

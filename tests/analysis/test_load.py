@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from tests.analysis.folders import write_run
-from zoac.analysis.load import evaluations_frame, load, numbers, read, results_frame
+from zoac.analysis.frames import evaluations_frame, numbers, results_frame
+from zoac.analysis.load import load, read
 from zoac.errors import RunFolderError
 
 

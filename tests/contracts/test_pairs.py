@@ -24,7 +24,7 @@ def test_a_small_run_keeps_its_budget_and_recommends_inside_the_box(tuner, task,
     config = resolved(compose_config([
         f"task={task}", f"tuner={tuner}", f"budget={BUDGET}", f"lanes={LANES}", "eval_every=50",
         f"task.max_episode_steps={STEPS}", "evaluation.episodes=2", "evaluation.final_episodes=3",
-        "mpc_solver=riccati",
+        "mpc_solver=riccati", "checkpoint_seconds=0",
     ]))  # fmt: skip
     settings, the_task = build.build_settings(config), build.build_task(config)
     the_tuner = build.build_tuner(config["tuner"], the_task, settings)

@@ -1,4 +1,7 @@
+import json
 import pickle
+from hashlib import sha256
+from pathlib import Path
 
 import pytest
 
@@ -49,6 +52,16 @@ def test_another_format_is_refused_by_name(tmp_path):
     body = pickle.dumps(1)
     (tmp_path / checkpoint.CURRENT).write_bytes(b'{"format": 99, "sha256": ""}\n' + body)
     with pytest.raises(RunFolderError, match="checkpoint format 99; .* reads format 1"):
+        checkpoint.load(tmp_path)
+
+
+def test_a_whole_one_of_other_packages_is_refused_and_nothing_is_guessed(tmp_path):
+    checkpoint.save(tmp_path, "older")
+    body = pickle.dumps(Path()).replace(b"pathlib", b"gonelib")
+    header = json.dumps({"format": checkpoint.FORMAT, "sha256": sha256(body).hexdigest()})
+    checkpoint.save(tmp_path, "newer")
+    (tmp_path / checkpoint.CURRENT).write_bytes(header.encode() + b"\n" + body)
+    with pytest.raises(RunFolderError, match="not of these versions.*gonelib.*resume=overwrite"):
         checkpoint.load(tmp_path)
 
 

@@ -69,13 +69,14 @@ def test_the_c_header_holds_every_value_as_its_type(tmp_path):
 
 
 @pytest.mark.skipif(
-    shutil.which("gcc") is None, reason="no C compiler; the test above reads the header's text"
+    shutil.which("gcc") is None, reason="no C compiler; other tests read the headers' text"
 )
 def test_the_c_header_compiles_and_acts_as_the_tuned_controller(tmp_path):
     result = tuned(law)
     result.export(tmp_path / "gains.h")
+    export(WORDS, tmp_path / "words.h", {})
     (tmp_path / "law.c").write_text(
-        '#include <string.h>\n#include "gains.h"\n'
+        '#include <string.h>\n#include "gains.h"\n#include "words.h"\n'
         "double law(double x) "
         '{ return -k / (double) n * x * (strcmp(mode, "a") == 0 ? 1.0 : 0.5); }\n'
     )
@@ -125,12 +126,6 @@ def test_names_that_a_language_keeps_for_itself_get_an_underscore(tmp_path):
     assert json.loads(export(WORDS, tmp_path / "end.json", {}).read_text()) == WORDS
     with pytest.raises(ConfigError, match="end, end_ are one identifier"):
         export({"end": 1.0, "end_": 2.0}, tmp_path / "x.m", {})
-
-
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
-def test_names_that_c_keeps_for_itself_compile(tmp_path):
-    header = export(WORDS, tmp_path / "words.h", {})
-    subprocess.run(["gcc", "-fsyntax-only", "-x", "c", str(header)], check=True)
 
 
 @pytest.mark.parametrize("suffix", [".h", ".m"])

@@ -9,6 +9,7 @@ from tests.algorithm.test_zoac import OPTIONS
 from tests.support import CountingTask
 from zoac import trainer
 from zoac.algorithm.zoac import Zoac
+from zoac.errors import RunFolderError
 from zoac.executor import Serial
 from zoac.process import Process
 from zoac.records import read_metrics
@@ -90,6 +91,19 @@ def test_a_stopped_run_goes_on_to_the_same_bits(tmp_path, stop_after):
     assert resumed["z"] == whole["z"]
     for kind in ("train", "eval"):
         assert numbers(tmp_path / "parts", kind) == numbers(tmp_path / "whole", kind)
+
+
+class _Renamed(Zoac):
+    def restore(self, state):
+        raise KeyError("what an older version called otherwise")
+
+
+def test_a_tuners_state_that_does_not_fit_is_refused(tmp_path):
+    calls = iter(range(1000))
+    with pytest.raises(Interrupted):
+        train(tmp_path, stop=lambda: next(calls) == 2)
+    with pytest.raises(RunFolderError, match="tuner's state.*KeyError.*resume=overwrite"):
+        train(tmp_path, tuner=_Renamed)
 
 
 def test_rows_after_the_last_checkpoint_are_not_doubled(tmp_path):

@@ -6,13 +6,13 @@ import sys
 import time
 from pathlib import Path
 
+from zoac.records import CLOCKS
+
 ROOT = Path(__file__).parents[2]
 SMALL = [
     "task=pid_acc", "tuner=random", "budget=400", "eval_every=400", "evaluation.episodes=2",
     "evaluation.final_episodes=3", "task.max_episode_steps=50", "variant=small",
 ]  # fmt: skip
-CLOCKS = ("wall_seconds", "compute_seconds", "solver_seconds", "tuner_seconds",
-          "evaluation_seconds", "checkpoint_seconds")  # fmt: skip
 
 
 def start(*arguments, cwd):

@@ -17,11 +17,10 @@ from zoac.algorithm.advantage import estimate
 from zoac.algorithm.critic import Critic
 from zoac.algorithm.gradient import standardised, zeroth_order_gradient
 from zoac.errors import ConfigError
+from zoac.numbers import Count, NonNegative, Positive
 from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem, Tuner
 
-Positive = Annotated[float, Field(gt=0)]
-Count = Annotated[int, Field(ge=1)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -43,7 +42,7 @@ class Zoac(Tuner):
         sigma: Positive,
         step_size: Positive,
         step_size_end: Positive | None = None,
-        step_size_slope: Annotated[float, Field(ge=0)] = 0.0,
+        step_size_slope: NonNegative = 0.0,
         anneal: bool = True,
         start: Literal["random", "nominal"] = "random",
         gamma: Fraction = 0.99,

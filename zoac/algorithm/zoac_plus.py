@@ -14,7 +14,8 @@ from pydantic import Field
 
 from zoac.algorithm.finals import Finals
 from zoac.algorithm.race import Race
-from zoac.algorithm.zoac import Count, Fraction, Zoac
+from zoac.algorithm.zoac import Fraction, Zoac
+from zoac.numbers import Count
 from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem
 

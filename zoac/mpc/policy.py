@@ -10,14 +10,14 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, Protocol, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 from numba import njit
-from pydantic import Field
 
 from zoac.errors import ConfigError, suggest
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Solver, Sparsity, Status
+from zoac.numbers import Count
 
 About = Literal["zero_input", "shifted_plan"]
 
@@ -49,8 +49,8 @@ class MpcOptions:
         ConfigError: If an option is out of range or unknown.
     """
 
-    horizon: Annotated[int, Field(ge=1)] = 25
-    linearisations: Annotated[int, Field(ge=1)] | Literal["converged"] = 3
+    horizon: Count = 25
+    linearisations: Count | Literal["converged"] = 3
     linearise_about: About = "zero_input"
 
     def __post_init__(self) -> None:

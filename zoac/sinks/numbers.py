@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from zoac.numbers import is_number
+
 
 def numbers(row: Mapping[str, Any]) -> dict[str, float]:
     """Return what is a number in `row`; of a mapping inside, `name/key`; lists are left out."""
@@ -12,6 +14,6 @@ def numbers(row: Mapping[str, Any]) -> dict[str, float]:
     for name, value in row.items():
         if isinstance(value, Mapping):
             flat.update({f"{name}/{k}": v for k, v in numbers(value).items()})
-        elif isinstance(value, (int, float)) and not isinstance(value, bool):
+        elif is_number(value):
             flat[name] = value
     return flat

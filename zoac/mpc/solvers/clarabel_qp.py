@@ -8,17 +8,17 @@ product, an update of Clarabel's data in place, and Clarabel's own solve.
 from __future__ import annotations
 
 from array import array
-from typing import Annotated, Any
+from typing import Any
 
 import clarabel
 import cvxpy as cp
 import numpy as np
 import scipy.sparse as sparse
 from numba import njit
-from pydantic import Field
 
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.statement import Layout, state_problem, write_parameters
+from zoac.numbers import Count, Share
 
 _STATUS = {
     "Solved": Status.SOLVED,
@@ -45,8 +45,8 @@ class ClarabelSolver:
 
     def __init__(
         self,
-        tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-10,
-        max_iterations: Annotated[int, Field(ge=1)] = 200,
+        tolerance: Share = 1e-10,
+        max_iterations: Count = 200,
     ) -> None:
         self.tolerance = tolerance
         self.max_iterations = max_iterations

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from typing import Annotated, Any
+from typing import Any
 
 import cvxpy as cp
 import numpy as np
-from pydantic import Field
 
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.statement import Layout, Statement, state_problem, write_parameters
+from zoac.numbers import Count, Share
 
 _STATUS = {
     cp.OPTIMAL: Status.SOLVED,
@@ -31,8 +31,8 @@ class CvxpySolver:
 
     def __init__(
         self,
-        tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-10,
-        max_iterations: Annotated[int, Field(ge=1)] = 200,
+        tolerance: Share = 1e-10,
+        max_iterations: Count = 200,
     ) -> None:
         self.tolerance = tolerance
         self.max_iterations = max_iterations

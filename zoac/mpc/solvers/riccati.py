@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
-from pydantic import Field
 
 from zoac.errors import ConfigError
 from zoac.mpc.solvers._riccati_kernel import solve_lanes
 from zoac.mpc.solvers.base import LinearisedProblem, Solution
+from zoac.numbers import Count
 
 _VECTOR = 4  # a row is a whole number of these
 
@@ -26,8 +24,8 @@ class Riccati:
 
     def __init__(
         self,
-        sweeps: Annotated[int, Field(ge=1)] = 6,
-        max_active_set_steps: Annotated[int, Field(ge=1)] = 1000,
+        sweeps: Count = 6,
+        max_active_set_steps: Count = 1000,
     ) -> None:
         """
         Args:

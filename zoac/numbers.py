@@ -1,0 +1,18 @@
+"""Ranges of numbers that options declare for `zoac.checks`, and what counts as a number."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Field
+
+Natural = Annotated[int, Field(ge=0)]
+Count = Annotated[int, Field(ge=1)]
+NonNegative = Annotated[float, Field(ge=0)]
+Positive = Annotated[float, Field(gt=0)]
+Share = Annotated[float, Field(gt=0, lt=1)]
+
+
+def is_number(value: Any) -> bool:
+    """Tell whether `value` is one of Python's numbers; True and False are none."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
