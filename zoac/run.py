@@ -126,12 +126,12 @@ def main() -> None:
     # Hydra then hands its exceptions on instead of printing them, and we say it in one message.
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")
     os.environ.pop(_SWEEP, None)
-    know_own_conf()
     if os.getcwd() not in sys.path:  # `zoac` instead of `python -m zoac.run`: a user's modules
         sys.path.insert(0, os.getcwd())
     gave_up = ""
     _composed.clear()
     try:
+        know_own_conf()
         overrides = overrides_of(arguments)
         check_overrides(overrides)
         for text in overrides:
