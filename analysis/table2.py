@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from zoac.analysis import cli
-from zoac.analysis.comparison import Comparison, Summary, compare
+from zoac.analysis.comparison import Comparison, compare
 from zoac.analysis.formatting import (
     NOTHING,
     bounds,
@@ -22,6 +22,7 @@ from zoac.analysis.formatting import (
     without_empty_columns,
 )
 from zoac.analysis.stats import Spread
+from zoac.analysis.summaries import Summary
 
 
 class PaperRow(NamedTuple):

@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
 from zoac import build, records
@@ -19,6 +18,7 @@ from zoac.adapters import EnvSource, UserTask, user_task
 from zoac.config import GROUPS, compose_config, resolved
 from zoac.errors import ConfigError, suggest
 from zoac.gymnasium_lanes import Bounds
+from zoac.numbers import is_number
 from zoac.parameters import ParameterSpace
 from zoac.records import TASK
 from zoac.results import Result, keep_task, result_of
@@ -238,15 +238,14 @@ def _name(thing: Any) -> str:
 
 
 def _number(name: str, value: Any) -> float | None:
-    if value is None or (isinstance(value, (int, float, np.number)) and value is not True):
-        return None if value is None else float(value)
-    raise ConfigError(f"{name}={value!r}: expected a number or None")
+    if value is not None and not is_number(value):
+        raise ConfigError(f"{name}={value!r}: expected a number or None")
+    return None if value is None else float(value)
 
 
 def _whole(name: str, value: Any) -> int:
     """Return a whole number, which may be written 1e4."""
-    number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-    if not number or value % 1 != 0:
+    if not is_number(value) or value % 1 != 0:
         raise ConfigError(f"{name}={value!r}: expected a whole number")
     return int(value)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field
 
 Natural = Annotated[int, Field(ge=0)]
@@ -14,5 +15,6 @@ Share = Annotated[float, Field(gt=0, lt=1)]
 
 
 def is_number(value: Any) -> bool:
-    """Tell whether `value` is one of Python's numbers; True and False are none."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    """Tell whether `value` is a real number of Python's or numpy's; True and False are none."""
+    kinds = (int, float, np.integer, np.floating)
+    return isinstance(value, kinds) and not isinstance(value, bool)

@@ -12,6 +12,7 @@ import numpy as np
 
 from zoac.environment import LaneEnv
 from zoac.errors import ConfigError, suggest
+from zoac.numbers import is_number
 from zoac.parameters import ParameterSpace
 from zoac.records import CLOCKS
 
@@ -150,10 +151,7 @@ class Constraint(_Quantity):
 
     def __post_init__(self) -> None:
         _Quantity.__post_init__(self)
-        number = isinstance(self.scale, (int, float, np.number)) and not isinstance(
-            self.scale, bool
-        )
-        if not number or not (math.isfinite(self.scale) and self.scale > 0):
+        if not is_number(self.scale) or not (math.isfinite(self.scale) and self.scale > 0):
             raise ConfigError(
                 f"constraint {self.name!r}: scale={self.scale!r}, expected a number above zero, "
                 "what counts as a large violation, in the quantity's own unit"
