@@ -1,3 +1,5 @@
+import copy
+
 import numpy as np
 import pytest
 import torch
@@ -29,19 +31,30 @@ def test_values_are_those_of_the_network():
     np.testing.assert_allclose(critic.values(observations), expected.detach(), rtol=1e-5)
 
 
-def test_one_step_is_that_of_autograd_and_adam_on_equation_8():
-    critic = make_critic(minibatch=32)
-    twin = torch_twin(critic)
+def test_fit_is_autograd_and_adam_on_equation_8():
+    """Over shuffled minibatches, the last of an epoch smaller than the others."""
+    epochs, minibatch = 2, 32
+    critic = make_critic(epochs=epochs, minibatch=minibatch)
+    twin, order = torch_twin(critic), copy.deepcopy(critic._rng)
     rng = np.random.default_rng(2)
-    observations, targets = rng.normal(size=(32, 5)), rng.normal(size=32)
+    observations, targets = rng.normal(size=(73, 5)), rng.normal(size=73)
+    inputs, wanted = torch.from_numpy(observations).float(), torch.from_numpy(targets).float()
     adam = torch.optim.Adam(twin.parameters(), lr=1e-2)
-    error = twin(torch.from_numpy(observations).float())[:, 0] - torch.from_numpy(targets).float()
-    loss = (0.5 * error**2).mean()
-    loss.backward()
-    adam.step()
-    assert critic.fit(observations, targets) == pytest.approx(loss.item(), rel=1e-5)
-    expected = twin(torch.from_numpy(observations).float())[:, 0].detach()
-    np.testing.assert_allclose(critic.values(observations), expected, rtol=1e-4, atol=1e-5)
+    losses = []
+    for _ in range(epochs):
+        losses = []
+        for chosen in torch.from_numpy(order.permutation(73)).split(minibatch):
+            adam.zero_grad()
+            each = 0.5 * (twin(inputs[chosen])[:, 0] - wanted[chosen]) ** 2
+            each.mean().backward()
+            adam.step()
+            losses.append(each.detach())
+    assert critic.fit(observations, targets) == pytest.approx(
+        torch.cat(losses).mean().item(), rel=1e-5
+    )
+    for matrix, bias, linear in zip(critic._matrices, critic._biases, twin[::2], strict=True):
+        np.testing.assert_allclose(matrix, linear.weight.detach(), atol=1e-5)
+        np.testing.assert_allclose(bias, linear.bias.detach(), atol=1e-5)
 
 
 def test_orthogonal_start_with_the_stated_gains():

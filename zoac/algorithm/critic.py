@@ -1,8 +1,8 @@
 """The critic V_w(s): a tanh network fitted to value targets (eq. 8).
 
 Tens of thousands of minibatch steps on a small network are most of the time of a tuning run, so
-the gradient is written out for this one architecture instead of traced by autograd, and all
-weights live in one flat tensor that Adam updates in a single call.
+the gradient is written out for this one architecture instead of traced by autograd, all weights
+live in one flat tensor that Adam updates in a single call, and what is no matrix product is fused.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from numba import njit
 
 from zoac.algorithm.adam import Adam
 
 _CHUNK = 4096
-_TANH_BACKWARD = torch.ops.aten.tanh_backward.grad_input  # looked up once: it is slow to find
 
 # The number of threads changes the order of sums and so the bits; one is also the fastest for
 # matrices this small when several runs share the machine.
@@ -75,17 +75,26 @@ class Critic:
         # a view takes as long as a small product.
         self._transposed = [matrix.t() for matrix in self._matrices[:-1]]
         self._row, self._row_gradient = self._matrices[-1][0], self._matrix_gradients[-1][0]
-        self._work = _Work.of(self._layers(minibatch), self._layers(minibatch))
+        self._work = _Work.of(
+            self._layers(minibatch),
+            self._layers(minibatch),
+            torch.empty(minibatch),
+            torch.empty(minibatch),
+        )
         self._arrays = self._weights.numpy(), self._gradient.numpy()
+        self._output = self._biases[-1].numpy(), self._row.numpy()
         self._learning_rate = learning_rate
         self._adam = Adam(self._weights.numpy())
 
     @torch.no_grad()
     def values(self, observations: np.ndarray) -> np.ndarray:
         """Return V_w of observations (B, o), shape (B,), float64."""
-        inputs = self._inputs(observations)
+        parts = []
         # Slices of bounded size: fast in cache, and bits that do not depend on B's neighbours.
-        parts = [self._forward(part, self._layers(len(part))) for part in inputs.split(_CHUNK)]
+        for part in self._inputs(observations).split(_CHUNK):
+            hidden = self._layers(len(part))
+            self._activate(part, hidden)
+            parts.append(torch.mv(hidden[-1], self._row).add_(self._biases[-1]))
         return torch.cat(parts).double().numpy() / self._target_scale
 
     @torch.no_grad()
@@ -97,19 +106,16 @@ class Critic:
             targets: Value targets (B,).
         """
         inputs = self._inputs(observations)
-        scaled = torch.from_numpy((targets * self._target_scale).astype(np.float32))
-        shuffled, shuffled_targets = torch.empty_like(inputs), torch.empty_like(scaled)
+        scaled = (targets * self._target_scale).astype(np.float32)
+        shuffled = torch.empty_like(inputs)
         squares = 0.0
         for epoch in range(self._epochs):
-            order = torch.from_numpy(self._rng.permutation(len(inputs)))
-            torch.index_select(inputs, 0, order, out=shuffled)
-            torch.index_select(scaled, 0, order, out=shuffled_targets)
-            for states, wanted in zip(
-                shuffled.split(self._minibatch),
-                shuffled_targets.split(self._minibatch),
-                strict=True,
-            ):
-                error = self._step(states, wanted)
+            order = self._rng.permutation(len(inputs))
+            torch.index_select(inputs, 0, torch.from_numpy(order), out=shuffled)
+            wanted = scaled[order]
+            for number, states in enumerate(shuffled.split(self._minibatch)):
+                first = number * self._minibatch
+                error = self._step(states, wanted[first : first + len(states)])
                 if epoch == self._epochs - 1:
                     squares += float(error.dot(error))
         return 0.5 * squares / len(inputs) / self._target_scale**2
@@ -127,34 +133,33 @@ class Critic:
     def _layers(self, size: int) -> list[torch.Tensor]:
         return [torch.empty(size, len(matrix)) for matrix in self._matrices[:-1]]
 
-    def _forward(self, inputs: torch.Tensor, hidden: Sequence[torch.Tensor]) -> torch.Tensor:
-        """Write the hidden layers' activations to `hidden`, (B, width) each; return values (B,)."""
+    def _activate(self, inputs: torch.Tensor, hidden: Sequence[torch.Tensor]) -> None:
+        """Write the hidden layers' activations to `hidden`, (B, width) each."""
         below = inputs
         for matrix, bias, out in zip(self._transposed, self._biases[:-1], hidden, strict=True):
             below = torch.addmm(bias, below, matrix, out=out).tanh_()
-        return torch.mv(below, self._row).add_(self._biases[-1])
 
-    def _step(self, inputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
+    def _step(self, inputs: torch.Tensor, targets: np.ndarray) -> torch.Tensor:
         """One Adam step on the mean of 0.5 (V - G)^2; return V - G before it, (B,)."""
         work, size = self._work, len(inputs)
         if size < self._minibatch:  # the last of an epoch
             work = work.first(size)
-        error = self._forward(inputs, work.hidden).sub_(targets)
-        slope = error / size
-        torch.mv(work.hidden_transposed[-1], slope, out=self._row_gradient)
-        torch.sum(slope, 0, keepdim=True, out=self._bias_gradients[-1])
-        torch.outer(slope, self._row, out=work.flows[-1])
+        self._activate(inputs, work.hidden)
+        torch.mv(work.hidden[-1], self._row, out=work.values)
+        activations, flows = work.activations, work.flow_arrays
+        _output_flow(*work.end_arrays, flows[-1], activations[-1], targets, *self._output)
+        torch.mv(work.hidden_transposed[-1], work.slope, out=self._row_gradient)
+        torch.sum(work.slope, 0, keepdim=True, out=self._bias_gradients[-1])
         for layer in range(len(work.hidden) - 1, -1, -1):
             flow, flow_transposed = work.flows[layer], work.flows_transposed[layer]
-            # tanh' = 1 - tanh^2
-            _TANH_BACKWARD(flow, work.hidden[layer], grad_input=flow)
             below = inputs if layer == 0 else work.hidden[layer - 1]
             torch.mm(flow_transposed, below, out=self._matrix_gradients[layer])
             torch.sum(flow, 0, out=self._bias_gradients[layer])
             if layer > 0:
                 torch.mm(flow, self._matrices[layer], out=work.flows[layer - 1])
+                _through_tanh(flows[layer - 1], activations[layer - 1])
         self._adam.descend(*self._arrays, self._learning_rate)
-        return error
+        return work.values
 
     def state(self) -> dict[str, Any]:
         """Return a picklable copy: weights, Adam's moments, random stream, statistics."""
@@ -175,7 +180,7 @@ class Critic:
 
 
 class _Work(NamedTuple):
-    """A minibatch's memory, for each hidden layer (B, width), with its transposed views."""
+    """A minibatch's memory, for each hidden layer (B, width), with its views."""
 
     hidden: list[torch.Tensor]
     """Activations."""
@@ -183,14 +188,43 @@ class _Work(NamedTuple):
     """Gradients of the loss at what enters the activation."""
     hidden_transposed: list[torch.Tensor]
     flows_transposed: list[torch.Tensor]
+    values: torch.Tensor
+    """V_w, then the error, (B,)."""
+    slope: torch.Tensor
+    """Gradient of the loss at V_w, (B,)."""
+    activations: list[np.ndarray]
+    flow_arrays: list[np.ndarray]
+    end_arrays: tuple[np.ndarray, np.ndarray]
+    """`hidden`, `flows`, `values` and `slope` as numba reads them."""
 
     @classmethod
-    def of(cls, hidden: list[torch.Tensor], flows: list[torch.Tensor]) -> _Work:
-        return cls(hidden, flows, [part.t() for part in hidden], [part.t() for part in flows])
+    def of(
+        cls,
+        hidden: list[torch.Tensor],
+        flows: list[torch.Tensor],
+        values: torch.Tensor,
+        slope: torch.Tensor,
+    ) -> _Work:
+        return cls(
+            hidden,
+            flows,
+            [part.t() for part in hidden],
+            [part.t() for part in flows],
+            values,
+            slope,
+            [part.numpy() for part in hidden],
+            [part.numpy() for part in flows],
+            (values.numpy(), slope.numpy()),
+        )
 
     def first(self, size: int) -> _Work:
         """Return the part for a smaller minibatch."""
-        return _Work.of([part[:size] for part in self.hidden], [part[:size] for part in self.flows])
+        return _Work.of(
+            [part[:size] for part in self.hidden],
+            [part[:size] for part in self.flows],
+            self.values[:size],
+            self.slope[:size],
+        )
 
 
 class RunningStatistics:
@@ -231,3 +265,36 @@ class RunningStatistics:
 def _views(flat: torch.Tensor, shapes: Sequence[tuple[int, ...]]) -> list[torch.Tensor]:
     parts = flat.split([math.prod(shape) for shape in shapes])
     return [part.view(shape) for part, shape in zip(parts, shapes, strict=True)]
+
+
+# Products and sums may be contracted to fused ones, as torch's own loops do.
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _output_flow(
+    error: np.ndarray,
+    slope: np.ndarray,
+    flow: np.ndarray,
+    activation: np.ndarray,
+    targets: np.ndarray,
+    bias: np.ndarray,
+    row: np.ndarray,
+) -> None:
+    """From the last hidden layer's `activation` (B, width) and its product with `row` in `error`:
+    write V - G to `error` (B,), the loss's gradient at V to `slope` (B,), and the one at what
+    enters the activation to `flow` (B, width); tanh' = 1 - tanh^2."""
+    size, one = np.float32(len(error)), np.float32(1.0)
+    for i in range(len(error)):
+        error[i] = error[i] + bias[0] - targets[i]
+        slope[i] = error[i] / size
+        for j in range(len(row)):
+            y = activation[i, j]
+            flow[i, j] = slope[i] * row[j] * (one - y * y)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _through_tanh(flow: np.ndarray, activation: np.ndarray) -> None:
+    """Take the loss's gradient at the activation, `flow` (B, width), to what enters it."""
+    one = np.float32(1.0)
+    for i in range(len(flow)):
+        for j in range(flow.shape[1]):
+            y = activation[i, j]
+            flow[i, j] *= one - y * y
