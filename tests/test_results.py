@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import matplotlib
+import pandas as pd
 import pytest
 
 from zoac.analysis import beyond, curves, table2
@@ -54,3 +55,21 @@ def test_learning_curves_rebuild(tmp_path, task):
     arguments = ["--task", task, "--format", "svg", "--out", str(tmp_path)]
     assert curves.main([str(RESULTS), *arguments]) == 0
     same_bytes(tmp_path, kept)
+
+
+def test_the_32_seeds_of_cruise_control_are_as_found_md_says():
+    costs = pd.read_csv(RESULTS / "seeds" / "runs.csv").set_index("seed").cost_mean
+    assert sorted(costs.index) == list(range(32))
+    blocks = " ".join(f"{costs.iloc[first : first + 8].median():.2f}" for first in (0, 8, 16, 24))
+    assert blocks == "4.29 2.82 2.32 2.61"
+    quartiles = " ".join(f"{costs.quantile(q):.2f}" for q in (0.25, 0.5, 0.75))
+    assert quartiles == "2.37 2.61 5.36"
+    assert f"{costs.iloc[8:].median():.2f}" == "2.52"
+    assert ((costs > 3.2).sum(), (costs > 2000).sum()) == (10, 6)
+
+
+def test_the_8_seeds_kept_in_full_are_the_first_of_the_32():
+    many = pd.read_csv(RESULTS / "seeds" / "runs.csv").set_index("seed").cost_mean
+    runs = pd.read_csv(RESULTS / "runs.csv")
+    few = runs[(runs.task == "pid_acc") & (runs.tuner == "zoac")].set_index("seed").cost_mean
+    assert few.to_dict() == many.iloc[:8].to_dict()
