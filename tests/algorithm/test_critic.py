@@ -17,8 +17,8 @@ def torch_twin(critic):
     """The same network as PyTorch modules, with the same weights."""
     layers = []
     for matrix, bias in zip(critic._matrices, critic._biases, strict=True):
-        linear = torch.nn.Linear(matrix.shape[1], matrix.shape[0])
-        linear.weight.data.copy_(matrix)
+        linear = torch.nn.Linear(*matrix.shape)
+        linear.weight.data.copy_(matrix.t())
         linear.bias.data.copy_(bias)
         layers += [linear, torch.nn.Tanh()]
     return torch.nn.Sequential(*layers[:-1])
@@ -31,13 +31,15 @@ def test_values_are_those_of_the_network():
     np.testing.assert_allclose(critic.values(observations), expected.detach(), rtol=1e-5)
 
 
-def test_fit_is_autograd_and_adam_on_equation_8():
-    """Over shuffled minibatches, the last of an epoch smaller than the others."""
+@pytest.mark.parametrize("scale", [1.0, 1000.0])
+def test_fit_is_autograd_and_adam_on_equation_8(scale):
+    """Over shuffled minibatches, the last of an epoch smaller than the others; observations of
+    thousands saturate the first layer nearly everywhere."""
     epochs, minibatch = 2, 32
     critic = make_critic(epochs=epochs, minibatch=minibatch)
     twin, order = torch_twin(critic), copy.deepcopy(critic._rng)
     rng = np.random.default_rng(2)
-    observations, targets = rng.normal(size=(73, 5)), rng.normal(size=73)
+    observations, targets = scale * rng.normal(size=(73, 5)), rng.normal(size=73)
     inputs, wanted = torch.from_numpy(observations).float(), torch.from_numpy(targets).float()
     adam = torch.optim.Adam(twin.parameters(), lr=1e-2)
     losses = []
@@ -52,14 +54,16 @@ def test_fit_is_autograd_and_adam_on_equation_8():
     assert critic.fit(observations, targets) == pytest.approx(
         torch.cat(losses).mean().item(), rel=1e-5
     )
+    saturated = critic._unsaturated[0]._count >= 0
+    assert saturated == (scale > 1.0)
     for matrix, bias, linear in zip(critic._matrices, critic._biases, twin[::2], strict=True):
-        np.testing.assert_allclose(matrix, linear.weight.detach(), atol=1e-5)
+        np.testing.assert_allclose(matrix.t(), linear.weight.detach(), atol=1e-5)
         np.testing.assert_allclose(bias, linear.bias.detach(), atol=1e-5)
 
 
 def test_orthogonal_start_with_the_stated_gains():
     critic = make_critic()
-    first, second, last = (m.numpy() for m in critic._matrices)
+    first, second, last = (m.numpy().T for m in critic._matrices)
     np.testing.assert_allclose(first.T @ first, (5 / 3) ** 2 * np.eye(5), atol=1e-5)
     np.testing.assert_allclose(second @ second.T, (5 / 3) ** 2 * np.eye(12), atol=1e-5)
     np.testing.assert_allclose(last @ last.T, [[1.0]], atol=1e-5)
@@ -104,9 +108,9 @@ def test_saved_state_does_not_change_with_the_critic():
     critic = make_critic()
     critic.fit(observations, targets)
     saved = critic.state()
-    before = saved["weights"].copy(), saved["adam"][0].copy()
+    before = saved["parameters"].copy(), saved["adam"][0].copy()
     critic.fit(observations, targets)
-    assert np.array_equal(saved["weights"], before[0])
+    assert np.array_equal(saved["parameters"], before[0])
     assert np.array_equal(saved["adam"][0], before[1])
 
 
@@ -119,6 +123,18 @@ def test_running_statistics_are_those_of_all_observations_together():
     everything = np.concatenate(parts)
     expected = (everything - everything.mean(axis=0)) / everything.std(axis=0)
     np.testing.assert_allclose(statistics.normalised(everything), expected, rtol=1e-6)
+
+
+def test_a_mean_without_gradient_ends_at_zero_not_among_subnormal_numbers():
+    weights, gradient = np.ones(40, np.float32), np.ones(40, np.float32)
+    adam = Adam(weights)
+    adam.descend(weights, gradient, 1e-3)
+    gradient[::2] = 0.0
+    for _ in range(1000):
+        adam.descend(weights, gradient, 1e-3)
+    first, _, _ = adam.state()
+    assert not first[::2].any()
+    assert first[1::2] == pytest.approx(1.0)
 
 
 def test_adam_is_pytorchs():

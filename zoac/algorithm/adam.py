@@ -35,6 +35,7 @@ class Adam:
             number(1 / math.sqrt(1 - BETA_2**self._steps)),
             (number(BETA_1), number(1 - BETA_1), number(BETA_2), number(1 - BETA_2)),
             number(EPSILON),
+            np.finfo(number).tiny,
         )
 
     def state(self) -> tuple[np.ndarray, np.ndarray, int]:
@@ -59,10 +60,15 @@ def _descend(
     root_correction: float,
     betas: tuple[float, float, float, float],
     epsilon: float,
+    tiny: float,
 ) -> None:
     keep_1, take_1, keep_2, take_2 = betas
+    zero = tiny - tiny
     for i in range(len(parameters)):
         g = gradient[i]
-        first[i] = keep_1 * first[i] + take_1 * g
+        mean = keep_1 * first[i] + take_1 * g
+        # Where the gradient stays 0 the mean would end as a subnormal number and stay one, at a
+        # hundred times the price of any other; it moves nothing.
+        first[i] = mean if abs(mean) >= tiny else zero
         second[i] = keep_2 * second[i] + take_2 * g * g
         parameters[i] -= scaled_step * first[i] / (np.sqrt(second[i]) * root_correction + epsilon)
