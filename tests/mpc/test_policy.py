@@ -185,3 +185,17 @@ def test_wrong_options_are_named(options: dict, message: str) -> None:
     with pytest.raises(ConfigError) as caught:
         MpcOptions(**options)
     assert str(caught.value) == message
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "named"),
+    [
+        ([[1, 1], [0, 1]], [[0], [1]], "dF/dX[1, 0] is always zero, but it is 0.4 here"),
+        ([[1, 1], [1, 1]], [[0], [0]], "dF/dU[1, 0] is always zero, but it is 1 here"),
+    ],
+)
+def test_a_model_that_is_less_sparse_than_it_says_is_told_so(a, b, named, monkeypatch) -> None:
+    monkeypatch.setattr(Pendulum, "sparsity", Sparsity(np.array(a, bool), np.array(b, bool)))
+    with pytest.raises(ConfigError) as caught:
+        search(Scripted(always(Status.SOLVED)), start=(0.0, 0.0))
+    assert named in str(caught.value)

@@ -23,6 +23,7 @@ from zoac.mpc.policy import _take
 from zoac.mpc.solvers.base import LinearisedProblem, Status
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.riccati import Riccati
+from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH
 
 SOLVER = Riccati()
 
@@ -119,17 +120,75 @@ def test_hard_problems_go_through_the_interior_point() -> None:
     np.testing.assert_allclose(hard.inputs, plain.inputs, rtol=0, atol=1e-8)
 
 
+def mild(n: int, seed: int) -> LinearisedProblem:
+    """Vehicles with weights so high on their inputs that hardly one reaches a bound."""
+    problem = vehicles(n, seed)
+    return replace(problem, input_weights=1e4 * problem.input_weights, inputs=0 * problem.inputs)
+
+
+COMPANIES = {
+    "vehicle": vehicles(61, 8),
+    "mild vehicle": mild(61, 8),
+    "mild vehicle, one input without bounds": replace(
+        mild(61, 8), input_low=np.array([-np.inf, -3.0]), input_high=np.array([np.inf, 3.0])
+    ),
+    "mild vehicle about an input at its bound": replace(
+        mild(61, 8), inputs=np.where(np.arange(25)[:, None] == 3, INPUT_HIGH, mild(61, 8).inputs)
+    ),
+    "cart-pole": cart_poles(25, 30, 2),
+    "cart-pole, horizon 1": cart_poles(1, 20, 3),
+    "quadrotor": quadrotors(40, 20, 5),
+}
+
+MIXED = ("vehicle", "mild vehicle")
+
+
+@pytest.mark.parametrize("name", COMPANIES)
 @pytest.mark.parametrize("careful", [False, True])
-def test_a_lane_has_the_same_bits_alone_in_any_company_and_after_anything(careful: bool) -> None:
-    problem = vehicles(60, 8)
+def test_a_lane_has_the_same_bits_alone_in_any_company_and_after_anything(
+    careful: bool, name: str
+) -> None:
+    problem = COMPANIES[name]
     together = SOLVER.solve(problem, careful)
-    order = np.random.default_rng(0).permutation(60).tolist()
+    order = np.random.default_rng(0).permutation(len(problem.a)).tolist()
     shuffled = SOLVER.solve(rows(problem, order), careful)
     np.testing.assert_array_equal(shuffled.inputs, together.inputs[order])
     np.testing.assert_array_equal(shuffled.iterations, together.iterations[order])
-    for lane in (0, 59):
+    for lane in range(len(problem.a)):
         alone = SOLVER.solve(rows(problem, [lane]), careful)
         np.testing.assert_array_equal(alone.inputs[0], together.inputs[lane])
+        assert alone.iterations[0] == together.iterations[lane]
+
+
+@pytest.mark.parametrize("hair", [-1e-9, -1e-11, -1e-13, -1e-15, 0.0, 1e-15])
+def test_an_input_that_passes_its_bound_by_a_hair_does_so_alone_and_in_company(
+    hair: float,
+) -> None:
+    problem = COMPANIES["mild vehicle"]
+    problem = replace(problem, inputs=problem.inputs + 0.0017)  # so that deviations round
+    free = SOLVER.solve(problem)
+    for lane in np.flatnonzero(free.iterations == 1)[:20].tolist():
+        top = np.maximum(free.inputs[lane].max(axis=0), 2e-3) * (1.0 + hair)
+        bounded = replace(problem, input_high=top)
+        alone = SOLVER.solve(rows(bounded, [lane]))
+        twice = SOLVER.solve(rows(bounded, [lane, lane]))
+        np.testing.assert_array_equal(twice.inputs[1], alone.inputs[0])
+        assert twice.iterations[1] == alone.iterations[0]
+        assert (twice.inputs <= top).all()
+
+
+def test_companies_hold_lanes_in_which_inputs_reach_a_bound_and_others() -> None:
+    few, most = (np.mean(SOLVER.solve(COMPANIES[name]).iterations == 1) for name in MIXED)
+    assert 0.2 < few < 0.6
+    assert 0.7 < most < 1.0
+
+
+@pytest.mark.parametrize("name", MIXED)
+def test_knowing_the_sparsity_changes_no_bit(name: str) -> None:
+    known = SOLVER.solve(COMPANIES[name])
+    unknown = SOLVER.solve(replace(COMPANIES[name], sparsity=None))
+    np.testing.assert_array_equal(unknown.inputs, known.inputs)
+    np.testing.assert_array_equal(unknown.iterations, known.iterations)
 
 
 FIELDS = ("states", "inputs", "a", "b", "reference", "state_weights", "input_weights")
@@ -143,7 +202,7 @@ def test_data_that_are_not_finite_have_a_status_and_touch_no_other_lane(
 ) -> None:
     problem = vehicles(3, 9)
     array = getattr(problem, field).copy()
-    array[1, stage].flat[-1] = value
+    array[1, stage].flat[-2 if field == "b" else -1] = value  # the last of b is always zero
     broken = SOLVER.solve(replace(problem, **{field: array}))
     assert broken.status.tolist() == [Status.SOLVED, Status.NOT_FINITE, Status.SOLVED]
     sound = SOLVER.solve(problem)

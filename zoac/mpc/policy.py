@@ -136,6 +136,7 @@ class SequentialQp:
         self._until_converged = linearisations == "converged"
         self._limit = MOST_LINEARISATIONS if linearisations == "converged" else linearisations
         self._range = model.input_high - model.input_low
+        self._checked = False
 
     def plan(
         self, theta: np.ndarray, start: np.ndarray, objective: Objective, guess: np.ndarray
@@ -144,6 +145,9 @@ class SequentialQp:
 
         A lane whose solve fails twice keeps the last plan of this call that did solve, else
         zero input (clipped to the box), and stops there.
+
+        Raises:
+            ConfigError: In the first call, if the model's Jacobians are not as sparse as it says.
         """
         n = len(start)
         inputs = np.empty_like(guess)
@@ -155,6 +159,9 @@ class SequentialQp:
         before = guess
         for posed in range(1, self._limit + 1):
             problem = self._linearise(theta, start, objective, before)
+            if not self._checked:
+                _check_sparsity(problem)
+                self._checked = True
             attempt = _Attempt(self._solver, problem)
             after, ends = attempt.inputs, None
             seconds += attempt.seconds
@@ -196,6 +203,24 @@ class SequentialQp:
             input_high=self._model.input_high,
             sparsity=self._model.sparsity,
         )
+
+
+def _check_sparsity(problem: LinearisedProblem) -> None:
+    """Solvers leave out what is said to be zero: a wrong word would be a wrong plan."""
+    if problem.sparsity is None:
+        return
+    for name, jacobian, can_be in (
+        ("dF/dX", problem.a, problem.sparsity.a),
+        ("dF/dU", problem.b, problem.sparsity.b),
+    ):
+        largest = np.abs(jacobian).max((0, 1), initial=0.0)
+        wrong = np.argwhere((largest > 0.0) & ~can_be)
+        if len(wrong):
+            i, j = wrong[0]
+            raise ConfigError(
+                f"the model's `sparsity` says that {name}[{i}, {j}] is always zero, but it is "
+                f"{largest[i, j]:.6g} here: mark every entry that can be other than zero"
+            )
 
 
 class _Attempt:

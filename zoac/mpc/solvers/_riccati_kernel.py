@@ -11,12 +11,21 @@ from numba import literal_unroll, njit
 
 from zoac.mpc.solvers import (
     _riccati_active_set,
+    _riccati_batch,
     _riccati_interior,
     _riccati_rows,
     _riccati_sweeps,
     base,
 )
 from zoac.mpc.solvers._riccati_active_set import active_set
+from zoac.mpc.solvers._riccati_batch import (
+    LANES,
+    LARGEST,
+    block_layout,
+    make_block,
+    solve_batch,
+    store_plan,
+)
 from zoac.mpc.solvers._riccati_interior import interior_point
 from zoac.mpc.solvers._riccati_rows import copy_row, kernel
 from zoac.mpc.solvers._riccati_sweeps import (
@@ -42,6 +51,7 @@ _INACCURATE = int(Status.INACCURATE)
 _ITERATION_LIMIT = int(Status.ITERATION_LIMIT)
 _NUMERICAL_FAILURE = int(Status.NUMERICAL_FAILURE)
 _NOT_FINITE = int(Status.NOT_FINITE)
+_OPEN = -1  # not solved yet
 
 _REFINE_ABOVE = 1e-10  # optimality error, relative to an input's range
 _SOLVED_BELOW = 1e-7
@@ -239,6 +249,37 @@ def _store(
         plan[k, j] = value
 
 
+@kernel
+def _solve_in_batches(
+    at: Layout,
+    pattern: Any,
+    data: Any,
+    low: np.ndarray,
+    high: np.ndarray,
+    plans: np.ndarray,
+    status: np.ndarray,
+    iterations: np.ndarray,
+) -> None:
+    """Solve the lanes in which no input reaches a bound; leave the others open."""
+    count = len(plans)
+    stands = block_layout(at.n, at.x, at.u, pattern)
+    block = make_block(stands)
+    lanes = np.empty(LANES, np.int64)
+    for first in range(0, count - 1, LANES):  # one lane alone is quicker by itself
+        for i in range(LANES):
+            lanes[i] = min(first + i, count - 1)
+        solve_batch(block, stands, data, low, high, lanes)
+        for i in range(min(LANES, count - first)):
+            error = block[stands.worst * LANES + i]
+            if block[stands.good * LANES + i] != 1.0 or error > _REFINE_ABOVE:
+                continue
+            index = first + i
+            outcome = _explain(at, _SOLVED, data, index, count)
+            if outcome == _SOLVED:
+                store_plan(block, stands, i, low, high, plans[index])
+                status[index], iterations[index] = _SOLVED, 1
+
+
 def _compile(source: str) -> Any:
     """Return the compiled entry point.
 
@@ -261,16 +302,21 @@ def _compile(source: str) -> Any:
     ) -> bool:
         """Solve every lane of `problem`, the seven arrays of `LinearisedProblem` in order.
 
-        `sizes` are three tuples whose lengths are nx, nu and the width of a stored row. Returns
-        False, having done nothing, where the bounds are not in order.
+        `sizes` are three tuples whose lengths are nx, nu and the width of a stored row, and the
+        pattern of `_riccati_batch.Block`. Returns False, having done nothing, where the bounds
+        are not in order.
         """
         for j in range(len(low)):
             if not low[j] <= high[j]:
                 return False
         at = lane_layout(plans.shape[1], sizes[0], sizes[1], sizes[2])
-        lane = make_lane(at)
         data = _flatten(problem)
-        for index in range(len(plans)):
+        status[:] = _OPEN
+        if not careful and len(at.row) <= LARGEST:
+            _solve_in_batches(at, sizes[3], data, low, high, plans, status, iterations)
+        remaining = np.flatnonzero(status == _OPEN)
+        lane = make_lane(at) if len(remaining) else np.empty(0)
+        for index in remaining:
             _load(lane, at, data, low, high, index)
             outcome, iterations[index] = _solve_lane(lane, at, careful, sweeps, limit)
             outcome = _explain(at, outcome, data, index, len(plans))
@@ -283,7 +329,14 @@ def _compile(source: str) -> Any:
 
 
 def _digest() -> str:
-    modules = (base, _riccati_rows, _riccati_sweeps, _riccati_interior, _riccati_active_set)
+    modules = (
+        base,
+        _riccati_rows,
+        _riccati_sweeps,
+        _riccati_interior,
+        _riccati_active_set,
+        _riccati_batch,
+    )
     files = [Path(module.__file__) for module in modules if module.__file__]
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
 

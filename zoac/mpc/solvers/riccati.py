@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from zoac.errors import ConfigError
 from zoac.mpc.solvers._riccati_kernel import solve_lanes
-from zoac.mpc.solvers.base import LinearisedProblem, Solution
+from zoac.mpc.solvers.base import LinearisedProblem, Solution, Sparsity
 from zoac.numbers import Count
 
 _VECTOR = 4  # a row is a whole number of these
+
+
+@lru_cache(maxsize=32)
+def _pattern(sparsity: Sparsity | None, nx: int, nu: int) -> tuple[tuple[int | None, ...], ...]:
+    """Return [A B]'s rows, None where an entry is always zero: compiled code knows it as a type."""
+    if sparsity is None:
+        return ((0,) * (nx + nu),) * nx
+    rows = np.hstack([sparsity.a, sparsity.b]).tolist()
+    return tuple(tuple(0 if entry else None for entry in row) for row in rows)
 
 
 class Riccati:
@@ -65,7 +76,7 @@ class Riccati:
             problem.state_weights,
             problem.input_weights,
         )
-        sizes = ((0,) * nx, (0,) * nu, (0,) * width)
+        sizes = ((0,) * nx, (0,) * nu, (0,) * width, _pattern(problem.sparsity, nx, nu))
         ordered = solve_lanes(
             data, problem.input_low, problem.input_high, sizes, careful, self.sweeps,
             self.max_active_set_steps, plans, status, iterations,
