@@ -1,10 +1,9 @@
-"""Eight lanes at once, for the programmes in which no input reaches a bound.
+"""The clipped sweeps and the certificate for eight lanes at once.
 
-Most programmes are solved by one backward and one forward pass with every input free. Here these
-passes and the certificate run on eight lanes in step: an entry of `block` is eight numbers, one a
-lane, and one LLVM vector. Each lane's arithmetic is that of `_riccati_sweeps`, operation by
-operation, so that the bits are the same; what those would multiply by zero, or would not read, is
-left out. A lane for which this is not the whole story is not accepted, and is solved by them.
+An entry of `block` is eight numbers, one a lane, and one LLVM vector. Each lane's arithmetic is
+that of `_riccati_sweeps`, operation by operation, so that the bits are the same; what those would
+multiply by zero, or would not read, is left out. A lane for which sweeps are not the whole story
+is not accepted, and is solved by itself from the start.
 
 Offsets and strides of `block` count entries.
 """
@@ -19,6 +18,15 @@ from numba.core import types
 from numba.extending import intrinsic
 
 from zoac.mpc.solvers._riccati_rows import _fused, kernel
+from zoac.mpc.solvers._riccati_sweeps import (
+    FREE,
+    HIGH,
+    HYSTERESIS,
+    LOW,
+    PINNED,
+    first_side,
+    stored,
+)
 
 LANES = 8
 LARGEST = 12
@@ -44,11 +52,14 @@ class Block(NamedTuple):
     weight: int  # N + 1 (nx + nu,), of [x_k, u_k]; zero for x_0
     offset: int  # N + 1 (nx + nu,): [x_k - reference_k, u_k] of the rollout
     point: int  # N + 1 (nx + nu,): deviations from the rollout
+    side: int  # N (nu,): LOW, FREE, HIGH or PINNED
     value: int  # (nx, nx): Hessian of the next stage's value
     product: int  # (nx, nx + nu)
     gradient: int  # (nx,): of the next stage's value
+    ahead: int  # (nx,): new deviation of the next state
     bounds: int  # 2 (nu,)
     good: int  # 1 where nothing speaks against the lane, else 0
+    changed: int  # 1 where an input changed sides in this sweep, else 0
     worst: int  # optimality error
 
 
@@ -60,14 +71,15 @@ def block_layout(n: int, x: Any, u: Any, pattern: Any) -> Block:
     gains = n * nx * rows
     inverse = gains + n * nu * rows
     weight = inverse + 2 * n * nu
-    value = weight + 3 * (n + 1) * rows
+    side = weight + 3 * (n + 1) * rows
+    value = side + n * nu
     gradient = value + nx * nx + nx * rows
-    bounds = gradient + nx
+    bounds = gradient + 2 * nx
     good = bounds + 2 * nu
     return Block(
-        n, x, u, pattern, good + 2, 0, gains, inverse, inverse + n * nu, weight,
-        weight + (n + 1) * rows, weight + 2 * (n + 1) * rows, value, value + nx * nx, gradient,
-        bounds, good, good + 1,
+        n, x, u, pattern, good + 3, 0, gains, inverse, inverse + n * nu, weight,
+        weight + (n + 1) * rows, weight + 2 * (n + 1) * rows, side, value, value + nx * nx,
+        gradient, gradient + nx, bounds, good, good + 1, good + 2,
     )  # fmt: skip
 
 
@@ -118,6 +130,12 @@ class _Emitter:
 
     def greater(self, x: Any, y: Any) -> Any:
         return self.builder.select(self.builder.fcmp_ordered(">", x, y), x, y)
+
+    def where(self, condition: Any, x: Any, y: Any) -> Any:
+        return self.builder.select(condition, x, y)
+
+    def is_side(self, side: Any, which: float) -> Any:
+        return self.builder.fcmp_ordered("==", side, self.constant(which))
 
     def keep_where(self, condition: Any, offset: Any) -> None:
         """Set to 0 the numbers of an entry for which `condition` does not hold."""
@@ -232,15 +250,16 @@ def _eliminate(
     weight: Any,
     gains: Any,
     inverse: Any,
+    side: Any,
     good: Any,
     pattern: Any,
 ) -> Any:
-    """`_riccati_sweeps._eliminate` with every input free: `value` of stage k + 1 to that of k."""
+    """`_riccati_sweeps._eliminate`: `value` of stage k + 1 to that of k."""
     nx, nu, rows = _sizes(pattern)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         emit = _Emitter(context, builder, signature, args)
-        _, value, product, dynamics, weight, gains, inverse, good, _ = args
+        _, value, product, dynamics, weight, gains, inverse, side, good, _ = args
         both = _Dynamics(emit, dynamics, pattern)
         for i in range(nx):
             left = emit.row(value, i * nx, nx)
@@ -252,8 +271,9 @@ def _eliminate(
             for j in range(columns):
                 right = [emit.load(product, k * rows + j) for k in range(nx)]
                 row.append(emit.chain(left, right, emit.load(weight, i) if i == j else None))
-            for other, minus_inverse in eliminated:
+            for other, minus_inverse, free in eliminated:
                 factor = builder.fmul(minus_inverse, other[i])
+                factor = emit.where(free, factor, emit.constant(0.0))
                 row = [emit.fused(factor, other[j], row[j]) for j in range(columns)]
             return row
 
@@ -266,21 +286,20 @@ def _eliminate(
             emit.store(inverted, inverse, j)
             for i, number in enumerate(row):
                 emit.store(number, gains, j * rows + i)
-            eliminated.append((row, builder.fneg(inverted)))
+            free = emit.is_side(emit.load(side, j), FREE)
+            eliminated.append((row, builder.fneg(inverted), free))
         for i in range(nx):
             for j, number in enumerate(hessian(i, nx, eliminated)):
                 emit.store(number, value, i * nx + j)
         return context.get_dummy_value()
 
-    arguments = (block, value, product, dynamics, weight, gains, inverse, good, pattern)
+    arguments = (block, value, product, dynamics, weight, gains, inverse, side, good, pattern)
     return types.void(*arguments), codegen
 
 
 def _local(emit: _Emitter, weight: Any, offset: Any, point: Any, i: int) -> Any:
-    """Gradient of a stage's own cost, at the rollout if `point` is None."""
-    error = emit.load(offset, i)
-    if point is not None:
-        error = emit.builder.fadd(error, emit.load(point, i))
+    """Gradient of a stage's own cost."""
+    error = emit.builder.fadd(emit.load(offset, i), emit.load(point, i))
     return emit.builder.fmul(emit.load(weight, i), error)
 
 
@@ -300,29 +319,35 @@ def _pull(
     dynamics: Any,
     weight: Any,
     offset: Any,
+    point: Any,
     gains: Any,
     inverse: Any,
+    side: Any,
     pull: Any,
     pattern: Any,
 ) -> Any:
-    """The linear part of `_riccati_sweeps.backward` for one stage, at the rollout."""
+    """The linear part of `_riccati_sweeps.backward` for one stage."""
     nx, nu, rows = _sizes(pattern)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         emit = _Emitter(context, builder, signature, args)
-        _, gradient, dynamics, weight, offset, gains, inverse, pull, _ = args
-        local = [_local(emit, weight, offset, None, i) for i in range(rows)]
+        _, gradient, dynamics, weight, offset, point, gains, inverse, side, pull, _ = args
+        local = [_local(emit, weight, offset, point, i) for i in range(rows)]
         row = _stage_gradient(emit, gradient, _Dynamics(emit, dynamics, pattern), local, nx)
         for j in range(nu - 1, -1, -1):
             emit.store(row[nx + j], pull, j)
             factor = builder.fmul(builder.fneg(row[nx + j]), emit.load(inverse, j))
+            free = emit.is_side(emit.load(side, j), FREE)
+            factor = emit.where(free, factor, emit.constant(0.0))
             for i in range(nx + j):
                 row[i] = emit.fused(factor, emit.load(gains, j * rows + i), row[i])
         for i in range(nx):
             emit.store(row[i], gradient, i)
         return context.get_dummy_value()
 
-    arguments = (block, gradient, dynamics, weight, offset, gains, inverse, pull, pattern)
+    arguments = (
+        block, gradient, dynamics, weight, offset, point, gains, inverse, side, pull, pattern
+    )  # fmt: skip
     return types.void(*arguments), codegen
 
 
@@ -331,45 +356,78 @@ def _advance(
     typingctx: Any,
     block: Any,
     point: Any,
+    ahead: Any,
     dynamics: Any,
     gains: Any,
     inverse: Any,
     pull: Any,
     offset: Any,
+    side: Any,
     bounds: Any,
     good: Any,
+    changed: Any,
     pattern: Any,
 ) -> Any:
-    """`_riccati_sweeps.forward_clipped` for one stage, as long as no input reaches a bound."""
+    """`_riccati_sweeps.forward_clipped` for one stage, whose state is `ahead`; the new row of the
+    point takes the place of the old one."""
     nx, nu, rows = _sizes(pattern)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         emit = _Emitter(context, builder, signature, args)
-        _, point, dynamics, gains, inverse, pull, offset, bounds, good, _ = args
-        both, row = _Dynamics(emit, dynamics, pattern), emit.row(point, 0, nx)
+        _, point, ahead, dynamics, gains, inverse, pull, offset, side, bounds, *rest = args
+        good, changed, _ = rest
+        both, row = _Dynamics(emit, dynamics, pattern), emit.row(ahead, 0, nx)
+        step = [builder.fsub(row[i], emit.load(point, i)) for i in range(nx)]
+        for i in range(nx):
+            emit.store(row[i], point, i)
         for j in range(nu):
-            total = emit.dot(emit.row(gains, j * rows, nx), row[:nx])
+            total = emit.dot(emit.row(gains, j * rows, nx), step[:nx])
             total = builder.fadd(emit.load(pull, j), total)
             for i in range(nx, nx + j):
-                total = builder.fadd(total, builder.fmul(emit.load(gains, j * rows + i), row[i]))
-            wish = builder.fsub(emit.constant(0.0), builder.fmul(total, emit.load(inverse, j)))
-            nominal = emit.load(offset, nx + j)
-            low, high = emit.load(bounds, j), emit.load(bounds, nu + j)
-            for lesser, greater in ((low, nominal), (nominal, high)):
-                emit.keep_where(builder.fcmp_ordered("<", lesser, greater), good)
-            for lesser, greater in (
-                (builder.fsub(low, nominal), wish),
-                (wish, builder.fsub(high, nominal)),
-            ):
-                emit.keep_where(builder.fcmp_ordered("<=", lesser, greater), good)
-            emit.store(wish, point, nx + j)
-            row.append(wish)
+                total = builder.fadd(total, builder.fmul(emit.load(gains, j * rows + i), step[i]))
+            old, nominal = emit.load(point, nx + j), emit.load(offset, nx + j)
+            wish = builder.fsub(old, builder.fmul(total, emit.load(inverse, j)))
+            emit.keep_where(builder.fcmp_ordered("==", wish, wish), good)
+            low = builder.fsub(emit.load(bounds, j), nominal)
+            high = builder.fsub(emit.load(bounds, nu + j), nominal)
+            before = emit.load(side, j)
+            after = _new_side(emit, before, wish, low, high)
+            emit.store(after, side, j)
+            moved = builder.fcmp_ordered("!=", after, before)
+            emit.store(emit.where(moved, emit.constant(1.0), emit.load(changed)), changed)
+            value = emit.lesser(emit.greater(wish, low), high)
+            value = emit.where(emit.is_side(after, LOW), low, value)
+            value = emit.where(emit.is_side(after, HIGH), high, value)
+            emit.store(value, point, nx + j)
+            row.append(value)
+            step.append(builder.fsub(value, old))
         for i in range(nx):
-            emit.store(emit.dot(both.row(i), row), point, rows + i)
+            emit.store(emit.dot(both.row(i), row), ahead, i)
         return context.get_dummy_value()
 
-    arguments = (block, point, dynamics, gains, inverse, pull, offset, bounds, good, pattern)
+    arguments = (
+        block, point, ahead, dynamics, gains, inverse, pull, offset, side, bounds, good, changed,
+        pattern,
+    )  # fmt: skip
     return types.void(*arguments), codegen
+
+
+def _new_side(emit: _Emitter, before: Any, wish: Any, low: Any, high: Any) -> Any:
+    """Which side an input is on that would like to be at `wish`."""
+    builder, one = emit.builder, emit.constant(1.0)
+    size = emit.greater(one, emit.greater(wish, builder.fneg(wish)))
+    margin = emit.lesser(builder.fsub(high, low), size)
+    margin = builder.fmul(emit.constant(HYSTERESIS), margin)
+    upper = emit.where(
+        emit.is_side(before, HIGH), builder.fsub(high, margin), builder.fadd(high, margin)
+    )
+    lower = emit.where(
+        emit.is_side(before, LOW), builder.fadd(low, margin), builder.fsub(low, margin)
+    )
+    below, above = (builder.fcmp_ordered("<", x, y) for x, y in ((wish, lower), (upper, wish)))
+    after = emit.where(below, emit.constant(LOW), emit.constant(FREE))
+    after = emit.where(above, emit.constant(HIGH), after)
+    return emit.where(emit.is_side(before, PINNED), before, after)
 
 
 @intrinsic
@@ -433,7 +491,9 @@ def make_block(at: Block) -> Any:
 
 
 @kernel
-def _load(block: np.ndarray, at: Block, data: Any, low: Any, high: Any, lanes: np.ndarray) -> None:
+def load_batch(
+    block: np.ndarray, at: Block, data: Any, low: Any, high: Any, lanes: np.ndarray
+) -> None:
     """Write the problems `lanes` (8,) into `block`."""
     n, nx, nu = at.n, len(at.x), len(at.u)
     rows = nx + nu
@@ -453,36 +513,23 @@ def _load(block: np.ndarray, at: Block, data: Any, low: Any, high: Any, lanes: n
         _gather(block, at.point, reference, by_x, k * nx, at.x)
         for i in range(nx * LANES):
             block[(at.offset + row + rows) * LANES + i] -= block[at.point * LANES + i]
-    for i in range(nx * LANES):
-        block[at.weight * LANES + i] = 0.0
-        block[at.offset * LANES + i] = 0.0
-        block[at.point * LANES + i] = 0.0
+    block[at.weight * LANES : (at.weight + nx) * LANES] = 0.0
+    block[at.offset * LANES : (at.offset + nx) * LANES] = 0.0
+    block[at.point * LANES : (at.point + (n + 1) * rows) * LANES] = 0.0
+    block[at.good * LANES : (at.good + 1) * LANES] = 1.0
     for j in range(nu):
-        for lane in range(LANES):
-            block[(at.bounds + j) * LANES + lane] = low[j]
-            block[(at.bounds + nu + j) * LANES + lane] = high[j]
-    for lane in range(LANES):
-        block[at.good * LANES + lane] = 1.0
-        block[at.worst * LANES + lane] = 0.0
+        lowest, highest = low[j], high[j]
+        block[(at.bounds + j) * LANES : (at.bounds + j + 1) * LANES] = lowest
+        block[(at.bounds + nu + j) * LANES : (at.bounds + nu + j + 1) * LANES] = highest
+        for k in range(n):
+            nominal, side = (at.offset + k * rows + nx + j) * LANES, (at.side + k * nu + j) * LANES
+            for lane in range(LANES):
+                block[side + lane] = first_side(block[nominal + lane], lowest, highest)
 
 
 @kernel
-def _start_value(block: np.ndarray, at: Block) -> None:
-    """Hessian and gradient of the last stage's own cost, at the rollout."""
-    nx, last = len(at.x), at.n * (len(at.x) + len(at.u))
-    for i in range(nx * nx * LANES):
-        block[at.value * LANES + i] = 0.0
-    for i in range(nx):
-        for lane in range(LANES):
-            weight = block[(at.weight + last + i) * LANES + lane]
-            block[(at.value + i * nx + i) * LANES + lane] = weight
-            error = block[(at.offset + last + i) * LANES + lane]
-            block[(at.gradient + i) * LANES + lane] = weight * error
-
-
-@kernel
-def _last_gradient(block: np.ndarray, at: Block) -> None:
-    """Gradient of the last stage's own cost, at the point."""
+def _begin(block: np.ndarray, at: Block) -> None:
+    """Gradient of the last stage's own cost at the point."""
     last = at.n * (len(at.x) + len(at.u)) * LANES
     for i in range(len(at.x) * LANES):
         error = block[at.offset * LANES + last + i] + block[at.point * LANES + last + i]
@@ -490,36 +537,47 @@ def _last_gradient(block: np.ndarray, at: Block) -> None:
 
 
 @kernel
-def solve_batch(
-    block: np.ndarray, at: Block, data: Any, low: Any, high: Any, lanes: np.ndarray
-) -> None:
-    """Solve the problems `lanes` (8,) with all inputs free.
-
-    Where `good` stays 1, the point is feasible and `worst` its optimality error.
-    """
+def sweep_batch(block: np.ndarray, at: Block) -> None:
+    """One backward and one forward pass; then `changed` says whether an input changed sides."""
     n, nx, nu = at.n, len(at.x), len(at.u)
     rows = nx + nu
-    _load(block, at, data, low, high, lanes)
-    _start_value(block, at)
+    _begin(block, at)
+    block[at.value * LANES : (at.value + nx * nx) * LANES] = 0.0
+    for i in range(nx):
+        for lane in range(LANES):
+            weight = block[(at.weight + n * rows + i) * LANES + lane]
+            block[(at.value + i * nx + i) * LANES + lane] = weight
     for k in range(n - 1, -1, -1):
-        dynamics, row = at.dynamics + k * nx * rows, k * rows
-        gains, inverse = at.gains + k * nu * rows, at.inverse + k * nu
+        dynamics, row, m = at.dynamics + k * nx * rows, k * rows, k * nu
+        gains = at.gains + k * nu * rows
         _eliminate(
-            block, at.value, at.product, dynamics, at.weight + row, gains, inverse, at.good,
-            at.pattern,
+            block, at.value, at.product, dynamics, at.weight + row, gains, at.inverse + m,
+            at.side + m, at.good, at.pattern,
         )  # fmt: skip
         _pull(
-            block, at.gradient, dynamics, at.weight + row, at.offset + row, gains, inverse,
-            at.pull + k * nu, at.pattern,
+            block, at.gradient, dynamics, at.weight + row, at.offset + row, at.point + row, gains,
+            at.inverse + m, at.side + m, at.pull + m, at.pattern,
         )  # fmt: skip
+    block[at.ahead * LANES : (at.ahead + nx) * LANES] = 0.0
+    block[at.changed * LANES : (at.changed + 1) * LANES] = 0.0
     for k in range(n):
-        row = k * rows
+        row, m = k * rows, k * nu
         _advance(
-            block, at.point + row, at.dynamics + k * nx * rows, at.gains + k * nu * rows,
-            at.inverse + k * nu, at.pull + k * nu, at.offset + row, at.bounds, at.good,
-            at.pattern,
+            block, at.point + row, at.ahead, at.dynamics + k * nx * rows,
+            at.gains + k * nu * rows, at.inverse + m, at.pull + m, at.offset + row, at.side + m,
+            at.bounds, at.good, at.changed, at.pattern,
         )  # fmt: skip
-    _last_gradient(block, at)
+    for i in range(nx * LANES):
+        block[(at.point + n * rows) * LANES + i] = block[at.ahead * LANES + i]
+
+
+@kernel
+def certify_batch(block: np.ndarray, at: Block) -> None:
+    """Write the optimality error of the point to `worst`."""
+    n, nx, nu = at.n, len(at.x), len(at.u)
+    rows = nx + nu
+    _begin(block, at)
+    block[at.worst * LANES : (at.worst + 1) * LANES] = 0.0
     for k in range(n - 1, -1, -1):
         row = k * rows
         _certify(
@@ -539,4 +597,5 @@ def store_plan(
             i = k * (nx + nu) + nx + j
             nominal = block[(at.offset + i) * LANES + lane]
             value = nominal + block[(at.point + i) * LANES + lane]
-            plan[k, j] = min(max(value, low[j]), high[j])
+            side = block[(at.side + k * nu + j) * LANES + lane]
+            plan[k, j] = stored(side, value, low[j], high[j])

@@ -22,20 +22,20 @@ from zoac.mpc.solvers._riccati_batch import (
     LANES,
     LARGEST,
     block_layout,
+    certify_batch,
+    load_batch,
     make_block,
-    solve_batch,
     store_plan,
+    sweep_batch,
 )
 from zoac.mpc.solvers._riccati_interior import interior_point
 from zoac.mpc.solvers._riccati_rows import copy_row, kernel
 from zoac.mpc.solvers._riccati_sweeps import (
-    FREE,
-    HIGH,
-    LOW,
     PINNED,
     Layout,
     accept,
     backward,
+    first_side,
     forward,
     forward_clipped,
     lane_layout,
@@ -43,6 +43,7 @@ from zoac.mpc.solvers._riccati_sweeps import (
     optimality_error,
     place,
     shape,
+    stored,
 )
 from zoac.mpc.solvers.base import Status
 
@@ -52,6 +53,7 @@ _ITERATION_LIMIT = int(Status.ITERATION_LIMIT)
 _NUMERICAL_FAILURE = int(Status.NUMERICAL_FAILURE)
 _NOT_FINITE = int(Status.NOT_FINITE)
 _OPEN = -1  # not solved yet
+_FEWEST = 2  # lanes for which a sweep of eight takes less time than their own
 
 _REFINE_ABOVE = 1e-10  # optimality error, relative to an input's range
 _SOLVED_BELOW = 1e-7
@@ -94,14 +96,7 @@ def _load_bounds(lane: np.ndarray, at: Layout, low: np.ndarray, high: np.ndarray
         for k in range(n):
             m, nominal = k * nu + j, lane[at.offset + k * width + nx + j]
             lane[at.low + m], lane[at.high + m] = lowest - nominal, highest - nominal
-            side = FREE
-            if nominal == highest:
-                side = HIGH
-            if nominal == lowest:
-                side = LOW
-            if lowest == highest:
-                side = PINNED
-            lane[at.side + m] = side
+            lane[at.side + m] = first_side(nominal, lowest, highest)
 
 
 @kernel
@@ -231,21 +226,13 @@ def _store(
     usable: bool,
     plan: np.ndarray,
 ) -> None:
-    """Write the inputs of the current point, or the rollout's where there is nothing to use.
-
-    Inputs at a bound are that bound, bit for bit.
-    """
+    """Write the inputs of the current point, or the rollout's where there is nothing to use."""
     nu = len(at.u)
     for m in range(at.n * nu):
         k, j, w = m // nu, m % nu, place(at, m)
-        side = lane[at.side + m]
         value = lane[at.offset + w]
-        if usable and side == HIGH:
-            value = high[j]
-        elif usable and side != FREE:
-            value = low[j]
-        elif usable:
-            value = min(max(value + lane[at.point + w], low[j]), high[j])
+        if usable:
+            value = stored(lane[at.side + m], value + lane[at.point + w], low[j], high[j])
         plan[k, j] = value
 
 
@@ -256,28 +243,42 @@ def _solve_in_batches(
     data: Any,
     low: np.ndarray,
     high: np.ndarray,
+    sweeps: int,
     plans: np.ndarray,
     status: np.ndarray,
     iterations: np.ndarray,
 ) -> None:
-    """Solve the lanes in which no input reaches a bound; leave the others open."""
+    """Solve the lanes for which sweeps do and no refinement is needed; leave the others open."""
     count = len(plans)
     stands = block_layout(at.n, at.x, at.u, pattern)
     block = make_block(stands)
     lanes = np.empty(LANES, np.int64)
-    for first in range(0, count - 1, LANES):  # one lane alone is quicker by itself
+    sweeping = np.empty(LANES, np.bool_)
+    for first in range(0, count, LANES):
         for i in range(LANES):
             lanes[i] = min(first + i, count - 1)
-        solve_batch(block, stands, data, low, high, lanes)
-        for i in range(min(LANES, count - first)):
-            error = block[stands.worst * LANES + i]
-            if block[stands.good * LANES + i] != 1.0 or error > _REFINE_ABOVE:
-                continue
-            index = first + i
-            outcome = _explain(at, _SOLVED, data, index, count)
-            if outcome == _SOLVED:
-                store_plan(block, stands, i, low, high, plans[index])
-                status[index], iterations[index] = _SOLVED, 1
+            sweeping[i] = first + i < count
+        load_batch(block, stands, data, low, high, lanes)
+        for used in range(1, sweeps + 1):
+            if np.sum(sweeping) < _FEWEST:
+                break
+            sweep_batch(block, stands)
+            ended = False
+            for i in range(LANES):
+                ended |= sweeping[i] and block[stands.changed * LANES + i] == 0.0
+            if ended:
+                certify_batch(block, stands)
+            for i in range(LANES):
+                if block[stands.good * LANES + i] != 1.0:
+                    sweeping[i] = False
+                if not sweeping[i] or block[stands.changed * LANES + i] != 0.0:
+                    continue
+                sweeping[i] = False
+                index = first + i
+                error = block[stands.worst * LANES + i]
+                if error <= _REFINE_ABOVE and _explain(at, _SOLVED, data, index, count) == _SOLVED:
+                    store_plan(block, stands, i, low, high, plans[index])
+                    status[index], iterations[index] = _SOLVED, used
 
 
 def _compile(source: str) -> Any:
@@ -313,7 +314,7 @@ def _compile(source: str) -> Any:
         data = _flatten(problem)
         status[:] = _OPEN
         if not careful and len(at.row) <= LARGEST:
-            _solve_in_batches(at, sizes[3], data, low, high, plans, status, iterations)
+            _solve_in_batches(at, sizes[3], data, low, high, sweeps, plans, status, iterations)
         remaining = np.flatnonzero(status == _OPEN)
         lane = make_lane(at) if len(remaining) else np.empty(0)
         for index in remaining:

@@ -21,7 +21,7 @@ LOW, FREE, HIGH, PINNED = -1.0, 0.0, 1.0, 2.0  # PINNED: both bounds are the sam
 
 # Relative to the range of an input: closer than this to where its bound begins to matter, an
 # input keeps the side it is on, or rounding would move it to and fro for ever.
-_HYSTERESIS = 1e-12
+HYSTERESIS = 1e-12
 
 
 class Layout(NamedTuple):
@@ -93,6 +93,31 @@ def place(at: Layout, m: int) -> int:
     """Return where input m of N nu stands in `point` and `trial`."""
     _, nx, nu, width = shape(at)
     return m // nu * width + nx + m % nu
+
+
+@inlined
+def first_side(nominal: float, lowest: float, highest: float) -> float:
+    """Where an input is guessed to stay that the rollout has at `nominal`."""
+    side = FREE
+    if nominal == highest:
+        side = HIGH
+    if nominal == lowest:
+        side = LOW
+    if lowest == highest:
+        side = PINNED
+    return side
+
+
+@inlined
+def stored(side: float, value: float, lowest: float, highest: float) -> float:
+    """Return an input's `value` in the plan; at a bound it is that bound, bit for bit."""
+    if side == HIGH:
+        value = highest
+    elif side != FREE:
+        value = lowest
+    else:
+        value = min(max(value, lowest), highest)
+    return value
 
 
 @inlined
@@ -227,7 +252,7 @@ def forward_clipped(lane: np.ndarray, at: Layout) -> int:
                 lane[at.step + nx + j] = wish - lane[at.point + row + nx + j]
                 lane[at.trial + row + nx + j] = wish
                 continue
-            margin = _HYSTERESIS * min(high - low, max(1.0, abs(wish)))
+            margin = HYSTERESIS * min(high - low, max(1.0, abs(wish)))
             side = FREE
             if before == PINNED:
                 side = PINNED
