@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba.core import types
+from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from zoac.mpc.solvers._riccati_rows import _fused, kernel
@@ -147,7 +147,7 @@ class _Dynamics:
     """[A B] of one stage, as the emitter sees it."""
 
     def __init__(self, emit: _Emitter, offset: Any, pattern: Any) -> None:
-        self._emit, self._offset = emit, offset
+        self._emit, self._offset, self.sizes = emit, offset, _sizes(pattern)
         self._has = [[kind != types.none for kind in row] for row in pattern]
 
     def entry(self, i: int, j: int) -> Any:
@@ -241,25 +241,14 @@ def _gather_dynamics(
 
 
 @intrinsic
-def _eliminate(
-    typingctx: Any,
-    block: Any,
-    value: Any,
-    product: Any,
-    dynamics: Any,
-    weight: Any,
-    gains: Any,
-    inverse: Any,
-    side: Any,
-    good: Any,
-    pattern: Any,
-) -> Any:
+def _eliminate(typingctx: Any, block: Any, places: Any, pattern: Any) -> Any:
     """`_riccati_sweeps._eliminate`: `value` of stage k + 1 to that of k."""
     nx, nu, rows = _sizes(pattern)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         emit = _Emitter(context, builder, signature, args)
-        _, value, product, dynamics, weight, gains, inverse, side, good, _ = args
+        at = cgutils.unpack_tuple(builder, args[1])
+        value, product, dynamics, weight, gains, inverse, side, good = at
         both = _Dynamics(emit, dynamics, pattern)
         for i in range(nx):
             left = emit.row(value, i * nx, nx)
@@ -293,47 +282,39 @@ def _eliminate(
                 emit.store(number, value, i * nx + j)
         return context.get_dummy_value()
 
-    arguments = (block, value, product, dynamics, weight, gains, inverse, side, good, pattern)
-    return types.void(*arguments), codegen
-
-
-def _local(emit: _Emitter, weight: Any, offset: Any, point: Any, i: int) -> Any:
-    """Gradient of a stage's own cost."""
-    error = emit.builder.fadd(emit.load(offset, i), emit.load(point, i))
-    return emit.builder.fmul(emit.load(weight, i), error)
+    return types.void(block, places, pattern), codegen
 
 
 def _stage_gradient(
-    emit: _Emitter, gradient: Any, both: _Dynamics, local: list[Any], nx: int
-) -> list[Any]:
-    """`_riccati_sweeps._stage_gradient`."""
-    left = emit.row(gradient, 0, nx)
-    return [emit.chain(left, both.column(j), start) for j, start in enumerate(local)]
-
-
-@intrinsic
-def _pull(
-    typingctx: Any,
-    block: Any,
+    emit: _Emitter,
+    both: _Dynamics,
     gradient: Any,
-    dynamics: Any,
     weight: Any,
     offset: Any,
     point: Any,
-    gains: Any,
-    inverse: Any,
-    side: Any,
-    pull: Any,
-    pattern: Any,
-) -> Any:
+) -> list[Any]:
+    """`_riccati_sweeps._stage_gradient`, the gradient of the stage's own cost included."""
+    nx, _, rows = both.sizes
+    left, row = emit.row(gradient, 0, nx), []
+    for j in range(rows):
+        error = emit.builder.fadd(emit.load(offset, j), emit.load(point, j))
+        local = emit.builder.fmul(emit.load(weight, j), error)
+        row.append(emit.chain(left, both.column(j), local))
+    return row
+
+
+@intrinsic
+def _pull(typingctx: Any, block: Any, places: Any, pattern: Any) -> Any:
     """The linear part of `_riccati_sweeps.backward` for one stage."""
     nx, nu, rows = _sizes(pattern)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         emit = _Emitter(context, builder, signature, args)
-        _, gradient, dynamics, weight, offset, point, gains, inverse, side, pull, _ = args
-        local = [_local(emit, weight, offset, point, i) for i in range(rows)]
-        row = _stage_gradient(emit, gradient, _Dynamics(emit, dynamics, pattern), local, nx)
+        gradient, dynamics, weight, offset, point, gains, inverse, side, pull = (
+            cgutils.unpack_tuple(builder, args[1])
+        )
+        both = _Dynamics(emit, dynamics, pattern)
+        row = _stage_gradient(emit, both, gradient, weight, offset, point)
         for j in range(nu - 1, -1, -1):
             emit.store(row[nx + j], pull, j)
             factor = builder.fmul(builder.fneg(row[nx + j]), emit.load(inverse, j))
@@ -345,37 +326,20 @@ def _pull(
             emit.store(row[i], gradient, i)
         return context.get_dummy_value()
 
-    arguments = (
-        block, gradient, dynamics, weight, offset, point, gains, inverse, side, pull, pattern
-    )  # fmt: skip
-    return types.void(*arguments), codegen
+    return types.void(block, places, pattern), codegen
 
 
 @intrinsic
-def _advance(
-    typingctx: Any,
-    block: Any,
-    point: Any,
-    ahead: Any,
-    dynamics: Any,
-    gains: Any,
-    inverse: Any,
-    pull: Any,
-    offset: Any,
-    side: Any,
-    bounds: Any,
-    good: Any,
-    changed: Any,
-    pattern: Any,
-) -> Any:
+def _advance(typingctx: Any, block: Any, places: Any, pattern: Any) -> Any:
     """`_riccati_sweeps.forward_clipped` for one stage, whose state is `ahead`; the new row of the
     point takes the place of the old one."""
     nx, nu, rows = _sizes(pattern)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         emit = _Emitter(context, builder, signature, args)
-        _, point, ahead, dynamics, gains, inverse, pull, offset, side, bounds, *rest = args
-        good, changed, _ = rest
+        at = cgutils.unpack_tuple(builder, args[1])
+        point, ahead, dynamics, gains, inverse, pull, offset, *rest = at
+        side, bounds, good, changed = rest
         both, row = _Dynamics(emit, dynamics, pattern), emit.row(ahead, 0, nx)
         step = [builder.fsub(row[i], emit.load(point, i)) for i in range(nx)]
         for i in range(nx):
@@ -405,11 +369,7 @@ def _advance(
             emit.store(emit.dot(both.row(i), row), ahead, i)
         return context.get_dummy_value()
 
-    arguments = (
-        block, point, ahead, dynamics, gains, inverse, pull, offset, side, bounds, good, changed,
-        pattern,
-    )  # fmt: skip
-    return types.void(*arguments), codegen
+    return types.void(block, places, pattern), codegen
 
 
 def _new_side(emit: _Emitter, before: Any, wish: Any, low: Any, high: Any) -> Any:
@@ -431,28 +391,17 @@ def _new_side(emit: _Emitter, before: Any, wish: Any, low: Any, high: Any) -> An
 
 
 @intrinsic
-def _certify(
-    typingctx: Any,
-    block: Any,
-    gradient: Any,
-    dynamics: Any,
-    weight: Any,
-    offset: Any,
-    point: Any,
-    inverse: Any,
-    bounds: Any,
-    good: Any,
-    worst: Any,
-    pattern: Any,
-) -> Any:
+def _certify(typingctx: Any, block: Any, places: Any, pattern: Any) -> Any:
     """`_riccati_sweeps.optimality_error` for one stage."""
-    nx, nu, rows = _sizes(pattern)
+    nx, nu, _ = _sizes(pattern)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         emit = _Emitter(context, builder, signature, args)
-        _, gradient, dynamics, weight, offset, point, inverse, bounds, good, worst, _ = args
-        local = [_local(emit, weight, offset, point, i) for i in range(rows)]
-        row = _stage_gradient(emit, gradient, _Dynamics(emit, dynamics, pattern), local, nx)
+        gradient, dynamics, weight, offset, point, inverse, bounds, good, worst = (
+            cgutils.unpack_tuple(builder, args[1])
+        )
+        both = _Dynamics(emit, dynamics, pattern)
+        row = _stage_gradient(emit, both, gradient, weight, offset, point)
         zero, one, infinite = (emit.constant(number) for number in (0.0, 1.0, np.inf))
         for j in range(nu):
             nominal, deviation = emit.load(offset, nx + j), emit.load(point, nx + j)
@@ -476,10 +425,7 @@ def _certify(
             emit.store(row[i], gradient, i)
         return context.get_dummy_value()
 
-    arguments = (
-        block, gradient, dynamics, weight, offset, point, inverse, bounds, good, worst, pattern
-    )  # fmt: skip
-    return types.void(*arguments), codegen
+    return types.void(block, places, pattern), codegen
 
 
 @kernel
@@ -550,23 +496,24 @@ def sweep_batch(block: np.ndarray, at: Block) -> None:
     for k in range(n - 1, -1, -1):
         dynamics, row, m = at.dynamics + k * nx * rows, k * rows, k * nu
         gains = at.gains + k * nu * rows
-        _eliminate(
-            block, at.value, at.product, dynamics, at.weight + row, gains, at.inverse + m,
-            at.side + m, at.good, at.pattern,
+        weight, inverse, side = at.weight + row, at.inverse + m, at.side + m
+        quadratic = (at.value, at.product, dynamics, weight, gains, inverse, side, at.good)
+        _eliminate(block, quadratic, at.pattern)
+        offset, point = at.offset + row, at.point + row
+        linear = (
+            at.gradient, dynamics, weight, offset, point, gains, inverse, side, at.pull + m
         )  # fmt: skip
-        _pull(
-            block, at.gradient, dynamics, at.weight + row, at.offset + row, at.point + row, gains,
-            at.inverse + m, at.side + m, at.pull + m, at.pattern,
-        )  # fmt: skip
+        _pull(block, linear, at.pattern)
     block[at.ahead * LANES : (at.ahead + nx) * LANES] = 0.0
     block[at.changed * LANES : (at.changed + 1) * LANES] = 0.0
     for k in range(n):
         row, m = k * rows, k * nu
-        _advance(
-            block, at.point + row, at.ahead, at.dynamics + k * nx * rows,
-            at.gains + k * nu * rows, at.inverse + m, at.pull + m, at.offset + row, at.side + m,
-            at.bounds, at.good, at.changed, at.pattern,
+        places = (
+            at.point + row, at.ahead, at.dynamics + k * nx * rows, at.gains + k * nu * rows,
+            at.inverse + m, at.pull + m, at.offset + row, at.side + m, at.bounds, at.good,
+            at.changed,
         )  # fmt: skip
+        _advance(block, places, at.pattern)
     for i in range(nx * LANES):
         block[(at.point + n * rows) * LANES + i] = block[at.ahead * LANES + i]
 
@@ -580,10 +527,11 @@ def certify_batch(block: np.ndarray, at: Block) -> None:
     block[at.worst * LANES : (at.worst + 1) * LANES] = 0.0
     for k in range(n - 1, -1, -1):
         row = k * rows
-        _certify(
-            block, at.gradient, at.dynamics + k * nx * rows, at.weight + row, at.offset + row,
-            at.point + row, at.inverse + k * nu, at.bounds, at.good, at.worst, at.pattern,
+        places = (
+            at.gradient, at.dynamics + k * nx * rows, at.weight + row, at.offset + row,
+            at.point + row, at.inverse + k * nu, at.bounds, at.good, at.worst,
         )  # fmt: skip
+        _certify(block, places, at.pattern)
 
 
 @kernel
