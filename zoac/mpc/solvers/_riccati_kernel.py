@@ -12,15 +12,15 @@ from numba import literal_unroll, njit
 from zoac.mpc.solvers import (
     _riccati_active_set,
     _riccati_batch,
+    _riccati_entries,
     _riccati_interior,
     _riccati_rows,
+    _riccati_stages,
     _riccati_sweeps,
     base,
 )
 from zoac.mpc.solvers._riccati_active_set import active_set
 from zoac.mpc.solvers._riccati_batch import (
-    LANES,
-    LARGEST,
     block_layout,
     certify_batch,
     load_batch,
@@ -28,6 +28,7 @@ from zoac.mpc.solvers._riccati_batch import (
     store_plan,
     sweep_batch,
 )
+from zoac.mpc.solvers._riccati_entries import LANES, LARGEST
 from zoac.mpc.solvers._riccati_interior import interior_point
 from zoac.mpc.solvers._riccati_rows import copy_row, kernel
 from zoac.mpc.solvers._riccati_sweeps import (
@@ -336,6 +337,8 @@ def _digest() -> str:
         _riccati_sweeps,
         _riccati_interior,
         _riccati_active_set,
+        _riccati_entries,
+        _riccati_stages,
         _riccati_batch,
     )
     files = [Path(module.__file__) for module in modules if module.__file__]

@@ -47,7 +47,7 @@ def _splat(builder: Any, number: Any, row: ir.VectorType) -> Any:
     return builder.shuffle_vector(first, undefined, zeros)
 
 
-def _fused(builder: Any, kind: Any, x: Any, y: Any, z: Any) -> Any:
+def fused(builder: Any, kind: Any, x: Any, y: Any, z: Any) -> Any:
     """Return x * y + z, rounded once."""
     name = f"llvm.fma.v{kind.count}f64" if isinstance(kind, ir.VectorType) else "llvm.fma.f64"
     signature = ir.FunctionType(kind, [kind] * 3)
@@ -111,7 +111,7 @@ def multiply(
                 if total is None:
                     total = builder.fmul(a, source)
                 else:
-                    total = _fused(builder, row, a, source, total)
+                    total = fused(builder, row, a, source, total)
             at = builder.gep(target, [builder.mul(i, ir.Constant(_INDEX, width.count))])
             _store_row(builder, total, at, row)
 
@@ -135,7 +135,7 @@ def add_row(typingctx: Any, x: Any, out: Any, factor: Any, source: Any, width: A
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         target, other = (_pointer(context, builder, signature, args, args[i]) for i in (1, 3))
         old, added = (_load_row(builder, pointer, row) for pointer in (target, other))
-        new = _fused(builder, row, _splat(builder, args[2], row), added, old)
+        new = fused(builder, row, _splat(builder, args[2], row), added, old)
         _store_row(builder, new, target, row)
         return context.get_dummy_value()
 
@@ -150,7 +150,7 @@ def weigh(typingctx: Any, x: Any, out: Any, weight: Any, a: Any, b: Any, c: Any,
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         pointers = [_pointer(context, builder, signature, args, args[i]) for i in range(1, 6)]
         by, left, right, extra = (_load_row(builder, p, row) for p in pointers[1:])
-        value = _fused(builder, row, by, builder.fadd(left, right), extra)
+        value = fused(builder, row, by, builder.fadd(left, right), extra)
         _store_row(builder, value, pointers[0], row)
         return context.get_dummy_value()
 
@@ -184,7 +184,7 @@ def dot(typingctx: Any, x: Any, left: Any, right: Any, count: Any) -> Any:
             if i < 2:
                 sums.append(builder.fmul(a, b))
             else:
-                sums[i % 2] = _fused(builder, _DOUBLE, a, b, sums[i % 2])
+                sums[i % 2] = fused(builder, _DOUBLE, a, b, sums[i % 2])
         return builder.fadd(*sums) if len(sums) == 2 else sums[0]
 
     return types.float64(x, left, right, count), codegen
