@@ -20,7 +20,7 @@ from tests.riccati.oracle import (
 from tests.riccati.problems import cart_poles, quadrotors
 from zoac.errors import ConfigError
 from zoac.mpc.policy import _take
-from zoac.mpc.solvers.base import LinearisedProblem, Status
+from zoac.mpc.solvers.base import LinearisedProblem, Sparsity, Status
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.riccati import Riccati
 from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH
@@ -143,6 +143,17 @@ COMPANIES = {
 MIXED = ("vehicle", "mild vehicle")
 
 
+def gappy() -> LinearisedProblem:
+    """Cart-poles of which nothing depends on the second state, and the third on nothing."""
+    problem = cart_poles(25, 30, 17)
+    can_be = Sparsity(np.ones((4, 4), bool), np.ones((4, 1), bool))
+    can_be.a[:, 1] = can_be.a[2] = can_be.b[2] = False
+    return replace(problem, a=problem.a * can_be.a, b=problem.b * can_be.b, sparsity=can_be)
+
+
+COMPANIES["gappy"] = gappy()
+
+
 @pytest.mark.parametrize("name", COMPANIES)
 @pytest.mark.parametrize("careful", [False, True])
 def test_a_lane_has_the_same_bits_alone_in_any_company_and_after_anything(
@@ -183,7 +194,7 @@ def test_companies_hold_lanes_in_which_inputs_reach_a_bound_and_others() -> None
     assert 0.7 < most < 1.0
 
 
-@pytest.mark.parametrize("name", MIXED)
+@pytest.mark.parametrize("name", [*MIXED, "gappy"])
 def test_knowing_the_sparsity_changes_no_bit(name: str) -> None:
     known = SOLVER.solve(COMPANIES[name])
     unknown = SOLVER.solve(replace(COMPANIES[name], sparsity=None))

@@ -56,13 +56,12 @@ class Emitter:
             if x is None or y is None:
                 continue
             total = self.builder.fmul(x, y) if total is None else self.fused(x, y, total)
-        return total
+        return self.constant(0.0) if total is None else total
 
     def dot(self, left: list[Any], right: list[Any]) -> Any:
         """The same sum as `_riccati_rows.dot`: even and odd terms apart."""
-        sums = [self.chain(left[first::2], right[first::2]) for first in (0, 1)]
-        given = [part for part in sums if part is not None]
-        return self.builder.fadd(*given) if len(given) == 2 else (given or [self.constant(0.0)])[0]
+        even, odd = (self.chain(left[first::2], right[first::2]) for first in (0, 1))
+        return self.builder.fadd(even, odd)
 
     def lesser(self, x: Any, y: Any) -> Any:
         return self.builder.select(self.builder.fcmp_ordered("<", x, y), x, y)
