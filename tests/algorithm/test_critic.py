@@ -17,8 +17,8 @@ def torch_twin(critic):
     """The same network as PyTorch modules, with the same weights."""
     layers = []
     for matrix, bias in zip(critic._matrices, critic._biases, strict=True):
-        linear = torch.nn.Linear(*matrix.shape)
-        linear.weight.data.copy_(matrix.t())
+        linear = torch.nn.Linear(matrix.shape[1], matrix.shape[0])
+        linear.weight.data.copy_(matrix)
         linear.bias.data.copy_(bias)
         layers += [linear, torch.nn.Tanh()]
     return torch.nn.Sequential(*layers[:-1])
@@ -57,13 +57,13 @@ def test_fit_is_autograd_and_adam_on_equation_8(scale):
     saturated = critic._unsaturated[0]._count >= 0
     assert saturated == (scale > 1.0)
     for matrix, bias, linear in zip(critic._matrices, critic._biases, twin[::2], strict=True):
-        np.testing.assert_allclose(matrix.t(), linear.weight.detach(), atol=1e-5)
+        np.testing.assert_allclose(matrix, linear.weight.detach(), atol=1e-5)
         np.testing.assert_allclose(bias, linear.bias.detach(), atol=1e-5)
 
 
 def test_orthogonal_start_with_the_stated_gains():
     critic = make_critic()
-    first, second, last = (m.numpy().T for m in critic._matrices)
+    first, second, last = (m.numpy() for m in critic._matrices)
     np.testing.assert_allclose(first.T @ first, (5 / 3) ** 2 * np.eye(5), atol=1e-5)
     np.testing.assert_allclose(second @ second.T, (5 / 3) ** 2 * np.eye(12), atol=1e-5)
     np.testing.assert_allclose(last @ last.T, [[1.0]], atol=1e-5)
@@ -108,9 +108,9 @@ def test_saved_state_does_not_change_with_the_critic():
     critic = make_critic()
     critic.fit(observations, targets)
     saved = critic.state()
-    before = saved["parameters"].copy(), saved["adam"][0].copy()
+    before = saved["weights"].copy(), saved["adam"][0].copy()
     critic.fit(observations, targets)
-    assert np.array_equal(saved["parameters"], before[0])
+    assert np.array_equal(saved["weights"], before[0])
     assert np.array_equal(saved["adam"][0], before[1])
 
 

@@ -127,6 +127,6 @@ def test_critic_is_updated_once_for_each_iteration():
     assert "critic_loss" not in asked[0]
     assert asked[1]["critic_loss"] != asked[2]["critic_loss"]
     tuner.meanwhile()
-    weights = tuner._critic.state()["parameters"]
+    weights = tuner._critic.state()["weights"]
     tuner.meanwhile()
-    np.testing.assert_array_equal(tuner._critic.state()["parameters"], weights)
+    np.testing.assert_array_equal(tuner._critic.state()["weights"], weights)

@@ -61,7 +61,7 @@ class Critic:
         self._target_scale = target_scale
         self._statistics = RunningStatistics(observation_size) if normalise_observations else None
         sizes = [observation_size, *hidden, 1]
-        shapes = [s for i, o in pairwise(sizes) for s in ((i, o), (o,))]
+        shapes = [s for i, o in pairwise(sizes) for s in ((o, i), (o,))]
         count = sum(math.prod(shape) for shape in shapes)
         self._weights = torch.zeros(count)
         self._gradient = torch.zeros(count)
@@ -72,16 +72,15 @@ class Critic:
         generator = torch.Generator().manual_seed(int(rng.integers(2**63)))
         for matrix in self._matrices:
             gain = 1.0 if matrix is self._matrices[-1] else 5 / 3
-            start = torch.empty(matrix.t().shape)
-            matrix.copy_(torch.nn.init.orthogonal_(start, gain=gain, generator=generator).t())
+            torch.nn.init.orthogonal_(matrix, gain=gain, generator=generator)
         # Kept: memory of this size would go back to the system and come again at every step, and
         # a view takes as long as a small product.
         self._transposed = [matrix.t() for matrix in self._matrices[:-1]]
-        self._row, self._row_gradient = self._matrices[-1][:, 0], self._matrix_gradients[-1][:, 0]
+        self._row, self._row_gradient = self._matrices[-1][0], self._matrix_gradients[-1][0]
         self._matrix_arrays = [matrix.numpy() for matrix in self._matrices]
         self._matrix_gradient_arrays = [matrix.numpy() for matrix in self._matrix_gradients]
         # The last hidden layer's flow comes from a product with one row and is never worth it.
-        self._unsaturated = [Unsaturated(minibatch, i, o) for i, o in pairwise(sizes[:-2])]
+        self._unsaturated = [Unsaturated(minibatch, width) for width in hidden[:-1]]
         self._work = _Work.of(
             self._layers(minibatch),
             self._layers(minibatch),
@@ -138,12 +137,12 @@ class Critic:
         return torch.from_numpy(observations.astype(np.float32))
 
     def _layers(self, size: int) -> list[torch.Tensor]:
-        return [torch.empty(size, matrix.shape[1]) for matrix in self._matrices[:-1]]
+        return [torch.empty(size, len(matrix)) for matrix in self._matrices[:-1]]
 
     def _activate(self, inputs: torch.Tensor, hidden: Sequence[torch.Tensor]) -> None:
         """Write the hidden layers' activations to `hidden`, (B, width) each."""
         below = inputs
-        for matrix, bias, out in zip(self._matrices[:-1], self._biases[:-1], hidden, strict=True):
+        for matrix, bias, out in zip(self._transposed, self._biases[:-1], hidden, strict=True):
             below = torch.addmm(bias, below, matrix, out=out).tanh_()
 
     def _step(self, inputs: torch.Tensor, targets: np.ndarray) -> torch.Tensor:
@@ -165,7 +164,7 @@ class Critic:
                     flows[layer], below.numpy(), self._matrix_gradient_arrays[layer]
                 )
             else:
-                torch.mm(below.t(), work.flows[layer], out=self._matrix_gradients[layer])
+                torch.mm(work.flows_transposed[layer], below, out=self._matrix_gradients[layer])
             torch.sum(work.flows[layer], 0, out=self._bias_gradients[layer])
             if layer == 0:
                 break
@@ -175,7 +174,7 @@ class Critic:
                 matrix = self._matrix_arrays[layer]
                 unsaturated.flow(flows[layer], matrix, activation, flows[layer - 1])
             else:
-                torch.mm(work.flows[layer], self._transposed[layer], out=work.flows[layer - 1])
+                torch.mm(work.flows[layer], self._matrices[layer], out=work.flows[layer - 1])
                 _through_tanh(flows[layer - 1], activation)
         self._adam.descend(*self._arrays, self._learning_rate)
         return work.values
@@ -183,8 +182,7 @@ class Critic:
     def state(self) -> dict[str, Any]:
         """Return a picklable copy: weights, Adam's moments, random stream, statistics."""
         return {
-            # In a matrix (inputs, outputs); under "weights" stood the transposed ones.
-            "parameters": self._weights.numpy().copy(),
+            "weights": self._weights.numpy().copy(),
             "adam": self._adam.state(),
             "rng": self._rng.bit_generator.state,
             "statistics": None if self._statistics is None else self._statistics.state(),
@@ -192,7 +190,7 @@ class Critic:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Put back what `state` returned."""
-        self._weights.copy_(torch.from_numpy(state["parameters"]))
+        self._weights.copy_(torch.from_numpy(state["weights"]))
         self._adam.restore(state["adam"])
         self._rng.bit_generator.state = state["rng"]
         if self._statistics is not None:

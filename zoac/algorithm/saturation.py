@@ -20,11 +20,10 @@ _PAUSE = 32
 class Unsaturated:
     """The places of a layer's activations (B, width) at which tanh' is not 0, if few."""
 
-    def __init__(self, minibatch: int, inputs: int, width: int) -> None:
+    def __init__(self, minibatch: int, width: int) -> None:
         """
         Args:
             minibatch: Largest B.
-            inputs: Width i of what the layer reads.
             width: Of the layer.
         """
         # Eight flags are read at once, as one word.
@@ -34,7 +33,6 @@ class Unsaturated:
         self._columns = np.empty_like(self._rows)
         self._count = -1
         self._pause = 0
-        self._gradient = np.empty((width, inputs), np.float32)
 
     def find(self, activation: np.ndarray) -> bool:
         """Look through the activations (B, width); return whether `flow` and `gradient` pay."""
@@ -50,25 +48,25 @@ class Unsaturated:
     def flow(
         self, above: np.ndarray, matrix: np.ndarray, activation: np.ndarray, out: np.ndarray
     ) -> None:
-        """Write (above @ matrix.T) * tanh', the loss's gradient at what enters the layer.
+        """Write (above @ matrix) * tanh', the loss's gradient at what enters the layer.
 
         Args:
             above: The same at the layer above, (B, k).
-            matrix: Weights from this layer to that one, (width, k).
+            matrix: Weights from this layer to that one, (k, width).
             activation: Of this layer, (B, width), as given to `find`.
             out: (B, width).
         """
         _flow(above, matrix, activation, out, *self._places())
 
     def gradient(self, flow: np.ndarray, below: np.ndarray, out: np.ndarray) -> None:
-        """Write below.T @ flow, the loss's gradient at the layer's weights.
+        """Write flow.T @ below, the loss's gradient at the layer's weights.
 
         Args:
             flow: What `flow` wrote, (B, width).
             below: What the layer reads, (B, i).
-            out: (i, width).
+            out: (width, i).
         """
-        _gradient(flow, below, out, *self._places(), self._gradient)
+        _gradient(flow, below, out, *self._places())
 
     def _places(self) -> tuple[np.ndarray, np.ndarray]:
         return self._rows[: self._count], self._columns[: self._count]
@@ -120,8 +118,8 @@ def _flow(
         a, b, c, d = first, min(first + 1, last), min(first + 2, last), min(first + 3, last)
         left_a, left_b = above[rows[a]], above[rows[b]]
         left_c, left_d = above[rows[c]], above[rows[d]]
-        right_a, right_b = matrix[columns[a]], matrix[columns[b]]
-        right_c, right_d = matrix[columns[c]], matrix[columns[d]]
+        right_a, right_b = matrix[:, columns[a]], matrix[:, columns[b]]
+        right_c, right_d = matrix[:, columns[c]], matrix[:, columns[d]]
         sum_a = sum_b = sum_c = sum_d = np.float32(0.0)
         for k in range(above.shape[1]):
             sum_a += left_a[k] * right_a[k]
@@ -140,19 +138,10 @@ def _flow(
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
 def _gradient(
-    flow: np.ndarray,
-    below: np.ndarray,
-    out: np.ndarray,
-    rows: np.ndarray,
-    columns: np.ndarray,
-    transposed: np.ndarray,
+    flow: np.ndarray, below: np.ndarray, out: np.ndarray, rows: np.ndarray, columns: np.ndarray
 ) -> None:
-    # A row of `out` for every product would be a line of cache each.
-    transposed[:] = 0.0
+    out[:] = 0.0
     for place in range(len(rows)):
         i, j = rows[place], columns[place]
         for k in range(below.shape[1]):
-            transposed[j, k] += flow[i, j] * below[i, k]
-    for k in range(len(out)):
-        for j in range(out.shape[1]):
-            out[k, j] = transposed[j, k]
+            out[j, k] += flow[i, j] * below[i, k]
