@@ -69,6 +69,6 @@ def _descend(
         mean = keep_1 * first[i] + take_1 * g
         # Where the gradient stays 0 the mean would end as a subnormal number and stay one, at a
         # hundred times the price of any other; it moves nothing.
-        first[i] = mean if abs(mean) >= tiny else zero
+        first[i] = zero if abs(mean) < tiny else mean
         second[i] = keep_2 * second[i] + take_2 * g * g
         parameters[i] -= scaled_step * first[i] / (np.sqrt(second[i]) * root_correction + epsilon)

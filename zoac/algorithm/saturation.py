@@ -13,8 +13,6 @@ from numba import njit
 
 _SHARE = 32
 """Pays where at most one place in so many is unsaturated."""
-_PAUSE = 32
-"""Minibatches that are not looked through after one in which it did not pay."""
 
 
 class Unsaturated:
@@ -32,17 +30,11 @@ class Unsaturated:
         self._rows = np.empty(minibatch * width // _SHARE, np.uint32)
         self._columns = np.empty_like(self._rows)
         self._count = -1
-        self._pause = 0
 
     def find(self, activation: np.ndarray) -> bool:
         """Look through the activations (B, width); return whether `flow` and `gradient` pay."""
-        if self._pause:
-            self._pause -= 1
-            return False
         limit = activation.size // _SHARE
         self._count = _find(activation, self._flags, self._words, self._rows, self._columns, limit)
-        if self._count < 0:
-            self._pause = _PAUSE
         return self._count >= 0
 
     def flow(

@@ -100,9 +100,14 @@ class Dynamics:
 
 
 def sizes(pattern: Any) -> tuple[int, int, int]:
-    """nx, nu and nx + nu; nothing, so that no code is written, where it would never run."""
+    """Return nx, nu and nx + nu."""
     nx, rows = len(pattern), len(pattern[0])
-    return (nx, rows - nx, rows) if rows <= LARGEST else (0, 0, 0)
+    return nx, rows - nx, rows
+
+
+def small(pattern: Any) -> bool:
+    """Whether code is to be written; beyond, it would never run."""
+    return len(pattern[0]) <= LARGEST
 
 
 def _rows_of_lanes(
@@ -163,7 +168,7 @@ def gather_dynamics(
         emit = Emitter(context, builder, signature, args)
         from_a = _rows_of_lanes(context, builder, signature, args, 2, 3, 4)
         from_b = _rows_of_lanes(context, builder, signature, args, 5, 6, 7)
-        for i in range(nx):
+        for i in range(nx if small(pattern) else 0):
             for j in range(rows):
                 if pattern[i][j] == types.none:
                     continue

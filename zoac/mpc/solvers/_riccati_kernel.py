@@ -68,8 +68,9 @@ def _finite(data: Any, index: int, lanes: int) -> bool:
     bad = 0
     for array in literal_unroll(data):
         size = len(array) // lanes
-        for i in range(index * size, (index + 1) * size):
-            bad += not np.isfinite(array[i])
+        own = array[index * size : (index + 1) * size]  # a slice, or it would not be vectorised
+        for i in range(size):
+            bad += not np.isfinite(own[i])
     return bad == 0
 
 
@@ -277,7 +278,8 @@ def _solve_in_batches(
                 sweeping[i] = False
                 index = first + i
                 error = block[stands.worst * LANES + i]
-                if error <= _REFINE_ABOVE and _explain(at, _SOLVED, data, index, count) == _SOLVED:
+                # Also what is said to be zero and was not read: a lane alone reads it.
+                if error <= _REFINE_ABOVE and _finite(data, index, count):
                     store_plan(block, stands, i, low, high, plans[index])
                     status[index], iterations[index] = _SOLVED, used
 

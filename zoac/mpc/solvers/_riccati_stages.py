@@ -6,59 +6,70 @@ the same; what those would multiply by zero, or would not read, is left out.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from zoac.mpc.solvers._riccati_entries import Dynamics, Emitter, sizes
+from zoac.mpc.solvers._riccati_entries import Dynamics, Emitter, sizes, small
 from zoac.mpc.solvers._riccati_sweeps import FREE, HIGH, HYSTERESIS, LOW, PINNED
 
 
-@intrinsic
-def eliminate(typingctx: Any, block: Any, places: Any, pattern: Any) -> Any:
+def _stage(write: Callable[[Emitter, list[Any], Any], None]) -> Any:
+    """Return the intrinsic (block, places, pattern) whose code `write` emits."""
+
+    def stage(typingctx: Any, block: Any, places: Any, pattern: Any) -> Any:
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            if small(pattern):
+                emit = Emitter(context, builder, signature, args)
+                write(emit, cgutils.unpack_tuple(builder, args[1]), pattern)
+            return context.get_dummy_value()
+
+        return types.void(block, places, pattern), codegen
+
+    stage.__name__ = write.__name__
+    return intrinsic(stage)
+
+
+@_stage
+def eliminate(emit: Emitter, at: list[Any], pattern: Any) -> None:
     """`_riccati_sweeps._eliminate`: `value` of stage k + 1 to that of k."""
+    builder = emit.builder
     nx, nu, rows = sizes(pattern)
+    value, product, dynamics, weight, gains, inverse, side, good = at
+    both = Dynamics(emit, dynamics, pattern)
+    for i in range(nx):
+        left = emit.row(value, i * nx, nx)
+        for j in range(rows):
+            emit.store(emit.chain(left, both.column(j)), product, i * rows + j)
 
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        emit = Emitter(context, builder, signature, args)
-        at = cgutils.unpack_tuple(builder, args[1])
-        value, product, dynamics, weight, gains, inverse, side, good = at
-        both = Dynamics(emit, dynamics, pattern)
-        for i in range(nx):
-            left = emit.row(value, i * nx, nx)
-            for j in range(rows):
-                emit.store(emit.chain(left, both.column(j)), product, i * rows + j)
+    def hessian(i: int, columns: int, eliminated: list[Any]) -> list[Any]:
+        left, row = both.column(i), []
+        for j in range(columns):
+            right = [emit.load(product, k * rows + j) for k in range(nx)]
+            row.append(emit.chain(left, right, emit.load(weight, i) if i == j else None))
+        for other, minus_inverse, free in eliminated:
+            factor = builder.fmul(minus_inverse, other[i])
+            factor = emit.where(free, factor, emit.constant(0.0))
+            row = [emit.fused(factor, other[j], row[j]) for j in range(columns)]
+        return row
 
-        def hessian(i: int, columns: int, eliminated: list[Any]) -> list[Any]:
-            left, row = both.column(i), []
-            for j in range(columns):
-                right = [emit.load(product, k * rows + j) for k in range(nx)]
-                row.append(emit.chain(left, right, emit.load(weight, i) if i == j else None))
-            for other, minus_inverse, free in eliminated:
-                factor = builder.fmul(minus_inverse, other[i])
-                factor = emit.where(free, factor, emit.constant(0.0))
-                row = [emit.fused(factor, other[j], row[j]) for j in range(columns)]
-            return row
-
-        eliminated: list[Any] = []
-        for j in range(nu - 1, -1, -1):
-            row = hessian(nx + j, nx + j + 1, eliminated)
-            pivot = row[nx + j]
-            emit.keep_where(builder.fcmp_ordered(">", pivot, emit.constant(0.0)), good)
-            inverted = builder.fdiv(emit.constant(1.0), pivot)
-            emit.store(inverted, inverse, j)
-            for i, number in enumerate(row):
-                emit.store(number, gains, j * rows + i)
-            free = emit.is_side(emit.load(side, j), FREE)
-            eliminated.append((row, builder.fneg(inverted), free))
-        for i in range(nx):
-            for j, number in enumerate(hessian(i, nx, eliminated)):
-                emit.store(number, value, i * nx + j)
-        return context.get_dummy_value()
-
-    return types.void(block, places, pattern), codegen
+    eliminated: list[Any] = []
+    for j in range(nu - 1, -1, -1):
+        row = hessian(nx + j, nx + j + 1, eliminated)
+        pivot = row[nx + j]
+        emit.keep_where(builder.fcmp_ordered(">", pivot, emit.constant(0.0)), good)
+        inverted = builder.fdiv(emit.constant(1.0), pivot)
+        emit.store(inverted, inverse, j)
+        for i, number in enumerate(row):
+            emit.store(number, gains, j * rows + i)
+        free = emit.is_side(emit.load(side, j), FREE)
+        eliminated.append((row, builder.fneg(inverted), free))
+    for i in range(nx):
+        for j, number in enumerate(hessian(i, nx, eliminated)):
+            emit.store(number, value, i * nx + j)
 
 
 def _stage_gradient(
@@ -79,73 +90,60 @@ def _stage_gradient(
     return row
 
 
-@intrinsic
-def pull(typingctx: Any, block: Any, places: Any, pattern: Any) -> Any:
+@_stage
+def pull(emit: Emitter, at: list[Any], pattern: Any) -> None:
     """The linear part of `_riccati_sweeps.backward` for one stage."""
+    builder = emit.builder
     nx, nu, rows = sizes(pattern)
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        emit = Emitter(context, builder, signature, args)
-        gradient, dynamics, weight, offset, point, gains, inverse, side, pull = (
-            cgutils.unpack_tuple(builder, args[1])
-        )
-        both = Dynamics(emit, dynamics, pattern)
-        row = _stage_gradient(emit, both, gradient, weight, offset, point)
-        for j in range(nu - 1, -1, -1):
-            emit.store(row[nx + j], pull, j)
-            factor = builder.fmul(builder.fneg(row[nx + j]), emit.load(inverse, j))
-            free = emit.is_side(emit.load(side, j), FREE)
-            factor = emit.where(free, factor, emit.constant(0.0))
-            for i in range(nx + j):
-                row[i] = emit.fused(factor, emit.load(gains, j * rows + i), row[i])
-        for i in range(nx):
-            emit.store(row[i], gradient, i)
-        return context.get_dummy_value()
-
-    return types.void(block, places, pattern), codegen
+    gradient, dynamics, weight, offset, point, gains, inverse, side, pull = at
+    both = Dynamics(emit, dynamics, pattern)
+    row = _stage_gradient(emit, both, gradient, weight, offset, point)
+    for j in range(nu - 1, -1, -1):
+        emit.store(row[nx + j], pull, j)
+        factor = builder.fmul(builder.fneg(row[nx + j]), emit.load(inverse, j))
+        free = emit.is_side(emit.load(side, j), FREE)
+        factor = emit.where(free, factor, emit.constant(0.0))
+        for i in range(nx + j):
+            row[i] = emit.fused(factor, emit.load(gains, j * rows + i), row[i])
+    for i in range(nx):
+        emit.store(row[i], gradient, i)
 
 
-@intrinsic
-def advance(typingctx: Any, block: Any, places: Any, pattern: Any) -> Any:
+@_stage
+def advance(emit: Emitter, at: list[Any], pattern: Any) -> None:
     """`_riccati_sweeps.forward_clipped` for one stage, whose state is `ahead`; the new row of the
     point takes the place of the old one."""
+    builder = emit.builder
     nx, nu, rows = sizes(pattern)
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        emit = Emitter(context, builder, signature, args)
-        at = cgutils.unpack_tuple(builder, args[1])
-        point, ahead, dynamics, gains, inverse, pull, offset, *rest = at
-        side, bounds, good, changed = rest
-        both, row = Dynamics(emit, dynamics, pattern), emit.row(ahead, 0, nx)
-        step = [builder.fsub(row[i], emit.load(point, i)) for i in range(nx)]
-        for i in range(nx):
-            emit.store(row[i], point, i)
-        for j in range(nu):
-            total = emit.dot(emit.row(gains, j * rows, nx), step[:nx])
-            total = builder.fadd(emit.load(pull, j), total)
-            for i in range(nx, nx + j):
-                total = builder.fadd(total, builder.fmul(emit.load(gains, j * rows + i), step[i]))
-            old, nominal = emit.load(point, nx + j), emit.load(offset, nx + j)
-            wish = builder.fsub(old, builder.fmul(total, emit.load(inverse, j)))
-            emit.keep_where(builder.fcmp_ordered("==", wish, wish), good)
-            low = builder.fsub(emit.load(bounds, j), nominal)
-            high = builder.fsub(emit.load(bounds, nu + j), nominal)
-            before = emit.load(side, j)
-            after = _new_side(emit, before, wish, low, high)
-            emit.store(after, side, j)
-            moved = builder.fcmp_ordered("!=", after, before)
-            emit.store(emit.where(moved, emit.constant(1.0), emit.load(changed)), changed)
-            value = emit.lesser(emit.greater(wish, low), high)
-            value = emit.where(emit.is_side(after, LOW), low, value)
-            value = emit.where(emit.is_side(after, HIGH), high, value)
-            emit.store(value, point, nx + j)
-            row.append(value)
-            step.append(builder.fsub(value, old))
-        for i in range(nx):
-            emit.store(emit.dot(both.row(i), row), ahead, i)
-        return context.get_dummy_value()
-
-    return types.void(block, places, pattern), codegen
+    point, ahead, dynamics, gains, inverse, pull, offset, *rest = at
+    side, bounds, good, changed = rest
+    both, row = Dynamics(emit, dynamics, pattern), emit.row(ahead, 0, nx)
+    step = [builder.fsub(row[i], emit.load(point, i)) for i in range(nx)]
+    for i in range(nx):
+        emit.store(row[i], point, i)
+    for j in range(nu):
+        total = emit.dot(emit.row(gains, j * rows, nx), step[:nx])
+        total = builder.fadd(emit.load(pull, j), total)
+        for i in range(nx, nx + j):
+            total = builder.fadd(total, builder.fmul(emit.load(gains, j * rows + i), step[i]))
+        old, nominal = emit.load(point, nx + j), emit.load(offset, nx + j)
+        wish = builder.fsub(old, builder.fmul(total, emit.load(inverse, j)))
+        emit.keep_where(builder.fcmp_ordered("==", wish, wish), good)
+        low = builder.fsub(emit.load(bounds, j), nominal)
+        high = builder.fsub(emit.load(bounds, nu + j), nominal)
+        before = emit.load(side, j)
+        after = _new_side(emit, before, wish, low, high)
+        emit.store(after, side, j)
+        moved = builder.fcmp_ordered("!=", after, before)
+        emit.store(emit.where(moved, emit.constant(1.0), emit.load(changed)), changed)
+        value = emit.lesser(emit.greater(wish, low), high)
+        value = emit.where(emit.is_side(after, LOW), low, value)
+        value = emit.where(emit.is_side(after, HIGH), high, value)
+        emit.store(value, point, nx + j)
+        row.append(value)
+        step.append(builder.fsub(value, old))
+    for i in range(nx):
+        emit.store(emit.dot(both.row(i), row), ahead, i)
 
 
 def _new_side(emit: Emitter, before: Any, wish: Any, low: Any, high: Any) -> Any:
@@ -166,39 +164,32 @@ def _new_side(emit: Emitter, before: Any, wish: Any, low: Any, high: Any) -> Any
     return emit.where(emit.is_side(before, PINNED), before, after)
 
 
-@intrinsic
-def certify(typingctx: Any, block: Any, places: Any, pattern: Any) -> Any:
+@_stage
+def certify(emit: Emitter, at: list[Any], pattern: Any) -> None:
     """`_riccati_sweeps.optimality_error` for one stage."""
+    builder = emit.builder
     nx, nu, _ = sizes(pattern)
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        emit = Emitter(context, builder, signature, args)
-        gradient, dynamics, weight, offset, point, inverse, bounds, good, worst = (
-            cgutils.unpack_tuple(builder, args[1])
+    gradient, dynamics, weight, offset, point, inverse, bounds, good, worst = at
+    both = Dynamics(emit, dynamics, pattern)
+    row = _stage_gradient(emit, both, gradient, weight, offset, point)
+    zero, one, infinite = (emit.constant(number) for number in (0.0, 1.0, np.inf))
+    for j in range(nu):
+        nominal, deviation = emit.load(offset, nx + j), emit.load(point, nx + j)
+        low = builder.fsub(emit.load(bounds, j), nominal)
+        high = builder.fsub(emit.load(bounds, nu + j), nominal)
+        newton = builder.fmul(row[nx + j], emit.load(inverse, j))
+        size = emit.greater(newton, builder.fneg(newton))
+        emit.keep_where(builder.fcmp_ordered("<", size, infinite), good)
+        target = emit.lesser(emit.greater(builder.fsub(deviation, newton), low), high)
+        error = builder.fsub(deviation, target)
+        error = emit.greater(error, builder.fneg(error))
+        span = builder.fsub(high, low)
+        usable = builder.and_(
+            builder.fcmp_ordered("<", zero, span), builder.fcmp_ordered("<", span, infinite)
         )
-        both = Dynamics(emit, dynamics, pattern)
-        row = _stage_gradient(emit, both, gradient, weight, offset, point)
-        zero, one, infinite = (emit.constant(number) for number in (0.0, 1.0, np.inf))
-        for j in range(nu):
-            nominal, deviation = emit.load(offset, nx + j), emit.load(point, nx + j)
-            low = builder.fsub(emit.load(bounds, j), nominal)
-            high = builder.fsub(emit.load(bounds, nu + j), nominal)
-            newton = builder.fmul(row[nx + j], emit.load(inverse, j))
-            size = emit.greater(newton, builder.fneg(newton))
-            emit.keep_where(builder.fcmp_ordered("<", size, infinite), good)
-            target = emit.lesser(emit.greater(builder.fsub(deviation, newton), low), high)
-            error = builder.fsub(deviation, target)
-            error = emit.greater(error, builder.fneg(error))
-            span = builder.fsub(high, low)
-            usable = builder.and_(
-                builder.fcmp_ordered("<", zero, span), builder.fcmp_ordered("<", span, infinite)
-            )
-            scale = builder.select(usable, span, one)
-            before = emit.load(worst)
-            more = builder.fcmp_ordered(">", error, builder.fmul(before, scale))
-            emit.store(builder.select(more, builder.fdiv(error, scale), before), worst)
-        for i in range(nx):
-            emit.store(row[i], gradient, i)
-        return context.get_dummy_value()
-
-    return types.void(block, places, pattern), codegen
+        scale = emit.where(usable, span, one)
+        before = emit.load(worst)
+        more = builder.fcmp_ordered(">", error, builder.fmul(before, scale))
+        emit.store(emit.where(more, builder.fdiv(error, scale), before), worst)
+    for i in range(nx):
+        emit.store(row[i], gradient, i)
