@@ -19,7 +19,9 @@ from zoac.mpc.policy import _take
 from zoac.mpc.solvers.base import Solver, Status
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.cvxpy_qp import CvxpySolver
+from zoac.mpc.solvers.riccati import Riccati
 from zoac.mpc.solvers.statement import Layout, state_problem
+from zoac.tasks.mpc_tracking.controller import NOMINAL, SPACE
 
 SOLVERS = [ClarabelSolver, CvxpySolver]
 
@@ -93,6 +95,27 @@ def test_any_size_and_full_jacobians(solver, horizon: int, nx: int, nu: int) -> 
     problem = dense_problems(5, horizon, nx, nu, seed=3)
     plans = solver().solve(problem).inputs
     assert (duality_gap(problem, plans) < 1e-8 * objective(problem, plans)).all()
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [((-np.inf, -np.inf, -0.3), (np.inf, 0.2, np.inf)), ((-1.0, 0.1, 0.0), (1.0, 0.1, 0.5))],
+    ids=["free or bounded on one side", "fixed or bounded on both"],
+)
+def test_inputs_may_be_free_bounded_or_fixed(solver, low: tuple, high: tuple) -> None:
+    problem = dense_problems(20, 6, 3, 3, seed=5)
+    low, high = np.array(low), np.array(high)
+    inputs = np.clip(problem.inputs, low, high)
+    problem = replace(problem, inputs=inputs, input_low=low, input_high=high)
+    solution = solver().solve(problem)
+    np.testing.assert_array_equal(solution.status, Status.SOLVED)
+    np.testing.assert_allclose(solution.inputs, Riccati().solve(problem).inputs, atol=1e-6)
+
+
+def test_clarabel_needs_few_iterations_near_a_good_controller(clarabel) -> None:
+    z = np.repeat(SPACE.unit(NOMINAL)[None], 30, axis=0)
+    assert clarabel.solve(tracking_problems(z, 0)).iterations.mean() < 4
 
 
 def test_sparsity_changes_the_work_and_not_the_answer(clarabel) -> None:

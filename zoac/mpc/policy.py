@@ -241,7 +241,7 @@ class _Attempt:
             self.inputs = np.zeros_like(problem.inputs)
             self.status = np.full(len(finite), _NOT_FINITE, dtype=np.int8)
             self._solve_some(finite, careful=False)
-        self.troubled = bool(self.status.any())  # SOLVED is zero
+        self.troubled = np.count_nonzero(self.status) > 0  # SOLVED is zero
         if self.troubled:
             self.retried = (self.status != _SOLVED) & (self.status != _NOT_FINITE)
             self._solve_some(self.retried, careful=True)

@@ -41,6 +41,7 @@ class Block(NamedTuple):
     good: int  # 1 where nothing speaks against the lane, else 0
     changed: int  # 1 where an input changed sides in this sweep, else 0
     worst: int  # optimality error
+    doubts: int  # 8 entries while loading, one a lane
 
 
 @kernel
@@ -57,9 +58,10 @@ def block_layout(n: int, x: Any, u: Any, pattern: Any) -> Block:
     bounds = gradient + 2 * nx
     good = bounds + 2 * nu
     return Block(
-        n, x, u, pattern, good + 3, 0, gains, inverse, inverse + n * nu, weight,
+        n, x, u, pattern, good + 3 + LANES, 0, gains, inverse, inverse + n * nu, weight,
         weight + (n + 1) * rows, weight + 2 * (n + 1) * rows, side, value, value + nx * nx,
         gradient, gradient + nx, bounds, good, good + 1, good + 2,
+        good + 3,
     )  # fmt: skip
 
 
@@ -75,16 +77,21 @@ def make_block(at: Block) -> Any:
 def load_batch(
     block: np.ndarray, at: Block, data: Any, low: Any, high: Any, lanes: np.ndarray
 ) -> None:
-    """Write the problems `lanes` (8,) into `block`."""
+    """Write the problems `lanes` (8,) into `block`.
+
+    A lane is good only if its start and all of A and B are finite, which what follows does not
+    read, or not all; the certificate sees to the rest.
+    """
     n, nx, nu = at.n, len(at.x), len(at.u)
     rows = nx + nu
     states, inputs, a, b, reference, state_weights, input_weights = data
     by_x, by_u, by_state = lanes * (n * nx), lanes * (n * nu), lanes * ((n + 1) * nx)
     by_a, by_b = lanes * (n * nx * nx), lanes * (n * nx * nu)
+    block[at.doubts * LANES : (at.doubts + LANES) * LANES] = 0.0
     for k in range(n):
         gather_dynamics(
-            block, at.dynamics + k * nx * rows, a, by_a, k * nx * nx, b, by_b, k * nx * nu,
-            at.pattern,
+            block, at.dynamics + k * nx * rows, at.doubts,
+            a, by_a, k * nx * nx, b, by_b, k * nx * nu, at.pattern,
         )  # fmt: skip
         row = k * rows
         gather(block, at.weight + row + rows, state_weights, by_x, k * nx, at.x)
@@ -97,7 +104,13 @@ def load_batch(
     block[at.weight * LANES : (at.weight + nx) * LANES] = 0.0
     block[at.offset * LANES : (at.offset + nx) * LANES] = 0.0
     block[at.point * LANES : (at.point + (n + 1) * rows) * LANES] = 0.0
-    block[at.good * LANES : (at.good + 1) * LANES] = 1.0
+    for lane in range(LANES):
+        doubt = 0.0
+        for i in range(nx):
+            doubt += states[by_state[lane] + i] - states[by_state[lane] + i]
+        for i in range(LANES):
+            doubt += block[(at.doubts + lane) * LANES + i]
+        block[at.good * LANES + lane] = 1.0 if doubt == 0.0 else 0.0
     for j in range(nu):
         lowest, highest = low[j], high[j]
         block[(at.bounds + j) * LANES : (at.bounds + j + 1) * LANES] = lowest

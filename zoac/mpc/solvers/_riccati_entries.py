@@ -148,11 +148,27 @@ def gather(
     return types.void(block, out, source, starts, offset, count), codegen
 
 
+def _nothing_if_finite(builder: Any, row: Any, count: int) -> Any:
+    """Eight zeros if the `count` numbers of `row` are finite, else NaN somewhere among them."""
+    width = min(count, LANES)
+    kind = ir.VectorType(_DOUBLE, width)
+    total = None
+    for first in (*range(0, count - width, width), count - width):  # the last may overlap
+        pointer = builder.gep(row, [ir.Constant(_INDEX, first)])
+        numbers = builder.load(builder.bitcast(pointer, kind.as_pointer()), align=8)
+        nothing = builder.fsub(numbers, numbers)
+        total = nothing if total is None else builder.fadd(total, nothing)
+    places = [min(i, width) for i in range(LANES)]  # beyond `width`: a zero
+    places = ir.Constant(ir.VectorType(ir.IntType(32), LANES), places)
+    return builder.shuffle_vector(total, ir.Constant(kind, [0.0] * width), places)
+
+
 @intrinsic
 def gather_dynamics(
     typingctx: Any,
     block: Any,
     out: Any,
+    doubts: Any,
     a: Any,
     starts_a: Any,
     offset_a: Any,
@@ -161,14 +177,25 @@ def gather_dynamics(
     offset_b: Any,
     pattern: Any,
 ) -> Any:
-    """The entries of [A B] that can be other than zero, of one stage."""
+    """The entries of [A B] that can be other than zero, of one stage.
+
+    To the eight entries from `doubts` on, one a lane, it adds NaN where a number of the stage is
+    not finite, whether it can be other than zero or not.
+    """
     nx, nu, rows = sizes(pattern)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         emit = Emitter(context, builder, signature, args)
-        from_a = _rows_of_lanes(context, builder, signature, args, 2, 3, 4)
-        from_b = _rows_of_lanes(context, builder, signature, args, 5, 6, 7)
-        for i in range(nx if small(pattern) else 0):
+        if not small(pattern):
+            return context.get_dummy_value()
+        from_a = _rows_of_lanes(context, builder, signature, args, 3, 4, 5)
+        from_b = _rows_of_lanes(context, builder, signature, args, 6, 7, 8)
+        for lane in range(LANES):
+            doubt = emit.load(args[2], lane)
+            for row, count in ((from_a[lane], nx * nx), (from_b[lane], nx * nu)):
+                doubt = builder.fadd(doubt, _nothing_if_finite(builder, row, count))
+            emit.store(doubt, args[2], lane)
+        for i in range(nx):
             for j in range(rows):
                 if pattern[i][j] == types.none:
                     continue
@@ -179,5 +206,5 @@ def gather_dynamics(
                 emit.store(entry, args[1], i * rows + j)
         return context.get_dummy_value()
 
-    arguments = (block, out, a, starts_a, offset_a, b, starts_b, offset_b, pattern)
+    arguments = (block, out, doubts, a, starts_a, offset_a, b, starts_b, offset_b, pattern)
     return types.void(*arguments), codegen

@@ -278,8 +278,7 @@ def _solve_in_batches(
                 sweeping[i] = False
                 index = first + i
                 error = block[stands.worst * LANES + i]
-                # Also what is said to be zero and was not read: a lane alone reads it.
-                if error <= _REFINE_ABOVE and _finite(data, index, count):
+                if error <= _REFINE_ABOVE:
                     store_plan(block, stands, i, low, high, plans[index])
                     status[index], iterations[index] = _SOLVED, used
 

@@ -8,6 +8,7 @@ product, an update of Clarabel's data in place, and Clarabel's own solve.
 from __future__ import annotations
 
 from array import array
+from collections.abc import Iterator
 from typing import Any
 
 import clarabel
@@ -17,7 +18,7 @@ import scipy.sparse as sparse
 from numba import njit
 
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
-from zoac.mpc.solvers.statement import Layout, state_problem, write_parameters
+from zoac.mpc.solvers.statement import Layout, input_units, state_problem, write_parameters
 from zoac.numbers import Count, Share
 
 _STATUS = {
@@ -26,6 +27,10 @@ _STATUS = {
     "InsufficientProgress": Status.INACCURATE,
     "MaxIterations": Status.ITERATION_LIMIT,
 }
+
+_STEP_FRACTIONS = 0.99999, 0.99
+"""How far towards the boundary a step may go: first a quick way, which takes about a third fewer
+iterations in closed loop and is as accurate where it ends; where it sticks, Clarabel's own."""
 
 
 class ClarabelSolver:
@@ -50,7 +55,7 @@ class ClarabelSolver:
     ) -> None:
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        self._prepared: dict[Layout, tuple[_CanonicalForm, Any]] = {}
+        self._prepared: dict[Layout, tuple[_CanonicalForm, list[Any]]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Clarabel's objects cannot be pickled; the copy makes its own.
@@ -61,34 +66,54 @@ class ClarabelSolver:
         layout = Layout.of(problem)
         if layout not in self._prepared:
             form = _CanonicalForm(layout)
-            self._prepared[layout] = form, form.make_solver(form.neutral(), self._settings(False))
-        form, solver = self._prepared[layout]
+            self._prepared[layout] = (
+                form,
+                [
+                    form.make_solver(form.neutral(), self._settings(fraction))
+                    for fraction in _STEP_FRACTIONS
+                ],
+            )
+        form, prepared = self._prepared[layout]
         n, horizon, nu = problem.inputs.shape
         plans = np.empty((n, nu, horizon))
         status = np.empty(n, dtype=np.int8)
-        iterations = np.empty(n, dtype=np.int64)
+        iterations = np.zeros(n, dtype=np.int64)
         for lane, numbers in enumerate(form.data(problem)):
-            if careful:
-                solver = form.make_solver(numbers, self._settings(True))
-            else:
-                p, a, b = form.split(numbers)
-                solver.update(P=_plain(p), A=_plain(a), b=_plain(b))
-            answer = solver.solve()
+            for solver in self._attempts(form, numbers, None if careful else prepared):
+                answer = solver.solve()
+                iterations[lane] += answer.iterations
+                status[lane] = _STATUS.get(str(answer.status), Status.NUMERICAL_FAILURE)
+                if status[lane] == Status.SOLVED:
+                    break
             plans[lane].flat = answer.x[form.inputs]
-            status[lane] = _STATUS.get(str(answer.status), Status.NUMERICAL_FAILURE)
-            iterations[lane] = answer.iterations
-        inputs = np.clip(plans.transpose(0, 2, 1), problem.input_low, problem.input_high)
-        return Solution(np.ascontiguousarray(inputs), status, iterations)
+        inputs = np.ascontiguousarray(plans.transpose(0, 2, 1)) * input_units(problem)
+        np.clip(inputs, problem.input_low, problem.input_high, out=inputs)
+        return Solution(inputs, status, iterations)
 
-    def _settings(self, careful: bool) -> Any:
+    def _attempts(
+        self, form: _CanonicalForm, numbers: np.ndarray, prepared: list[Any] | None
+    ) -> Iterator[Any]:
+        """Yield solver objects that hold `numbers`, each to be tried if the last did not do."""
+        if prepared is None:
+            settings = self._settings()
+            settings.iterative_refinement_enable = True
+            yield form.make_solver(numbers, settings)
+            return
+        p, a, b = (_plain(part) for part in form.split(numbers))
+        for solver in prepared:
+            solver.update(P=p, A=a, b=b)
+            yield solver
+
+    def _settings(self, step_fraction: float = _STEP_FRACTIONS[-1]) -> Any:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.max_threads = 1
         settings.presolve_enable = False  # would refuse updates after removing a row
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = self.tolerance
         settings.max_iter = self.max_iterations
-        # Refinement costs a third of the time and gains next to nothing on this sparse form.
-        settings.iterative_refinement_enable = careful
+        settings.max_step_fraction = step_fraction
+        # Costs a third of the time and gains next to nothing on this sparse form.
+        settings.iterative_refinement_enable = False
         return settings
 
 

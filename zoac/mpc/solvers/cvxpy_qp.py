@@ -9,7 +9,13 @@ import cvxpy as cp
 import numpy as np
 
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
-from zoac.mpc.solvers.statement import Layout, Statement, state_problem, write_parameters
+from zoac.mpc.solvers.statement import (
+    Layout,
+    Statement,
+    input_units,
+    state_problem,
+    write_parameters,
+)
 from zoac.numbers import Count, Share
 
 _STATUS = {
@@ -61,6 +67,7 @@ class CvxpySolver:
             if status[lane] != Status.NUMERICAL_FAILURE:
                 inputs[lane] = statement.inputs.value
                 iterations[lane] = statement.problem.solver_stats.num_iters
+        inputs *= input_units(problem)
         np.clip(inputs, problem.input_low, problem.input_high, out=inputs)
         return Solution(inputs, status, iterations)
 

