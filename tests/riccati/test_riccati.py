@@ -217,6 +217,17 @@ def test_data_that_are_not_finite_have_a_status_and_touch_no_other_lane(
     np.testing.assert_array_equal(broken.inputs[[0, 2]], sound.inputs[[0, 2]])
 
 
+@pytest.mark.parametrize("field", ["a", "b"])
+def test_no_entry_of_a_jacobian_may_be_nan_even_one_that_is_said_to_be_zero(field: str) -> None:
+    entries = getattr(vehicles(1, 9), field)[0, 0].size
+    problem = vehicles(entries + 1, 9)
+    array = getattr(problem, field).copy()
+    for lane in range(entries):
+        array[lane, 7].flat[lane] = np.nan
+    status = SOLVER.solve(replace(problem, **{field: array})).status
+    assert status.tolist() == [Status.NOT_FINITE] * entries + [Status.SOLVED]
+
+
 def test_a_problem_without_a_minimum_has_a_status() -> None:
     problem = vehicles(2, 10)
     weights = problem.input_weights.copy()
