@@ -26,7 +26,7 @@ import numpy as np
 from tests.mpc_tracking.oracle import NonlinearMpc
 from zoac.mpc.policy import MpcOptions
 from zoac.mpc.solvers.base import LinearisedProblem, Solution
-from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
+from zoac.mpc.solvers.clarabel_qp import _STEP_FRACTIONS, ClarabelSolver
 from zoac.mpc.solvers.riccati import Riccati
 from zoac.mpc.solvers.statement import Layout, state_problem, write_parameters
 from zoac.seeding import stream
@@ -108,6 +108,7 @@ def problem_solve(problem: LinearisedProblem) -> Callable[[LinearisedProblem], N
     dynamics, weights = np.empty((1, layout.dynamics_size)), np.empty((1, layout.weights_size))
     settings = {
         **dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-10),
+        "max_step_fraction": _STEP_FRACTIONS[0],
         "presolve_enable": False,
         "iterative_refinement_enable": False,
         "max_threads": 1,

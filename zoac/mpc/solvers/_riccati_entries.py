@@ -85,7 +85,7 @@ class Dynamics:
     """[A B] of one stage, as the emitter sees it."""
 
     def __init__(self, emit: Emitter, offset: Any, pattern: Any) -> None:
-        self._emit, self._offset, self.sizes = emit, offset, sizes(pattern)
+        self._emit, self._offset = emit, offset
         self._has = [[kind != types.none for kind in row] for row in pattern]
 
     def entry(self, i: int, j: int) -> Any:

@@ -72,16 +72,11 @@ def eliminate(emit: Emitter, at: list[Any], pattern: Any) -> None:
             emit.store(number, value, i * nx + j)
 
 
-def _stage_gradient(
-    emit: Emitter,
-    both: Dynamics,
-    gradient: Any,
-    weight: Any,
-    offset: Any,
-    point: Any,
-) -> list[Any]:
+def _stage_gradient(emit: Emitter, at: list[Any], pattern: Any) -> list[Any]:
     """`_riccati_sweeps._stage_gradient`, the gradient of the stage's own cost included."""
-    nx, _, rows = both.sizes
+    nx, _, rows = sizes(pattern)
+    gradient, dynamics, weight, offset, point = at
+    both = Dynamics(emit, dynamics, pattern)
     left, row = emit.row(gradient, 0, nx), []
     for j in range(rows):
         error = emit.builder.fadd(emit.load(offset, j), emit.load(point, j))
@@ -95,9 +90,8 @@ def pull(emit: Emitter, at: list[Any], pattern: Any) -> None:
     """The linear part of `_riccati_sweeps.backward` for one stage."""
     builder = emit.builder
     nx, nu, rows = sizes(pattern)
-    gradient, dynamics, weight, offset, point, gains, inverse, side, pull = at
-    both = Dynamics(emit, dynamics, pattern)
-    row = _stage_gradient(emit, both, gradient, weight, offset, point)
+    gradient, gains, inverse, side, pull = at[0], *at[5:]
+    row = _stage_gradient(emit, at[:5], pattern)
     for j in range(nu - 1, -1, -1):
         emit.store(row[nx + j], pull, j)
         factor = builder.fmul(builder.fneg(row[nx + j]), emit.load(inverse, j))
@@ -169,9 +163,8 @@ def certify(emit: Emitter, at: list[Any], pattern: Any) -> None:
     """`_riccati_sweeps.optimality_error` for one stage."""
     builder = emit.builder
     nx, nu, _ = sizes(pattern)
-    gradient, dynamics, weight, offset, point, inverse, bounds, good, worst = at
-    both = Dynamics(emit, dynamics, pattern)
-    row = _stage_gradient(emit, both, gradient, weight, offset, point)
+    gradient, offset, point, inverse, bounds, good, worst = at[0], *at[3:]
+    row = _stage_gradient(emit, at[:5], pattern)
     zero, one, infinite = (emit.constant(number) for number in (0.0, 1.0, np.inf))
     for j in range(nu):
         nominal, deviation = emit.load(offset, nx + j), emit.load(point, nx + j)
