@@ -18,14 +18,13 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box
 
+from benchmarks.figures import FIGURES, pyplot, save
 from zoac.environment import ArrayLanes
 from zoac.executor import Executor, Serial
 from zoac.parameters import Parameter, ParameterSpace
 from zoac.process import Process
 from zoac.segments import Proposal
 from zoac.task import Task
-
-FIGURES = Path(__file__).parents[1] / "docs" / "images"
 
 
 @dataclass(frozen=True)
@@ -233,15 +232,7 @@ def compare(worker_counts: Sequence[int], rounds: int) -> list[float]:
 
 def draw(costs: Costs, folder: Path = FIGURES) -> None:
     """Write the figures of `docs/scaling.md`."""
-    import matplotlib as mpl
-
-    mpl.use("svg")
-    mpl.rcParams.update(
-        {"svg.hashsalt": "zoac", "svg.fonttype": "none", "axes.titlesize": "medium"}
-    )
-    import matplotlib.pyplot as plt
-
-    folder.mkdir(parents=True, exist_ok=True)
+    plt = pyplot()
     counts = np.array([1, 2, 4, 8, 16, 32, 64, 128, 256])
 
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
@@ -263,7 +254,7 @@ def draw(costs: Costs, folder: Path = FIGURES) -> None:
     axes[1].loglog(counts, counts, color="0.6", linestyle=":")
     axes[1].set(xlabel="workers", title="256 lanes, 0.1 s a step, unequal segments")
     axes[1].legend(title="spread of a segment", fontsize=7, title_fontsize=7)
-    _save(figure, folder / "scaling_workers.svg")
+    save(figure, folder / "scaling_workers.svg")
 
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
     budget = 500_000
@@ -283,12 +274,7 @@ def draw(costs: Costs, folder: Path = FIGURES) -> None:
         axes[1].loglog(some, updates, marker=".", label=f"N = {segment}, H = {segments}")
     axes[1].set(xlabel="lanes", ylabel="updates of the parameters", title="what 500,000 steps buy")
     axes[1].legend(fontsize=7)
-    _save(figure, folder / "scaling_time.svg")
-
-
-def _save(figure: Any, path: Path) -> None:
-    figure.savefig(path, metadata={"Date": None})
-    print(path)
+    save(figure, folder / "scaling_time.svg")
 
 
 def main() -> None:

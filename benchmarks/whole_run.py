@@ -1,8 +1,10 @@
-"""Where the time of a whole tuning run goes: `python -m benchmarks.whole_run task=pid_acc`.
+"""Where the time of whole tuning runs goes: `python -m benchmarks.whole_run task=pid_acc`.
 
 Takes the overrides of `python -m zoac.run`, runs once in a temporary folder, and prints the
 seconds of the critic (the tuner's share), of solvers, of environments, of evaluation and of the
 rest. What environments take is known only where they run in this process (`executor=serial`).
+An override with several values (`mpc_solver=riccati,clarabel`) makes a run of each, one after the
+other, and prints how many times as long as the first the others took.
 """
 
 from __future__ import annotations
@@ -11,9 +13,12 @@ import argparse
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
+from itertools import product
 from typing import Any
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from zoac.config import compose_config, resolved
 from zoac.environment import ArrayLanes
@@ -33,21 +38,28 @@ def timed(method: Callable[..., Any], spent: list[float]) -> Callable[..., Any]:
     return call
 
 
-def main() -> None:
-    in_environments: list[float] = []
-    for name in ("step", "reset"):
-        setattr(ArrayLanes, name, timed(getattr(ArrayLanes, name), in_environments))
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("overrides", nargs="*", metavar="key=value")
-    given = parser.parse_args().overrides
+def each_run(overrides: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the overrides of every run that overrides with several values stand for."""
+    choices = []
+    for override in OverridesParser.create().parse_overrides(list(overrides)):
+        if override.is_sweep_override():
+            key = override.get_key_element()
+            choices.append([f"{key}={value}" for value in override.sweep_string_iterator()])
+        else:
+            choices.append([str(override.input_line)])
+    return list(product(*choices))
+
+
+def run(overrides: Sequence[str], in_environments: list[float]) -> float:
+    """Make a run, print where its time went, and return its seconds."""
+    in_environments.clear()
     with tempfile.TemporaryDirectory() as folder:
-        overrides = [*given, f"runs_dir={folder}"]
-        config = compose_config(overrides)
+        config = compose_config([*overrides, f"runs_dir={folder}"])
         choices = config.hydra.runtime.choices
         result = run_session(
             resolved(config), task=choices["task"], tuner=choices["tuner"], command=sys.argv
         )
-    wall = result["wall_seconds"]
+    wall: float = result["wall_seconds"]
     steps, compute = result["env_steps"], result["compute_seconds"]
     print(f"{steps:,} steps in {wall:.1f} s, {compute:.1f} s of processor time")
     rest = wall - result["tuner_seconds"] - result["evaluation_seconds"]
@@ -61,6 +73,24 @@ def main() -> None:
         parts["of both, in environments"] = sum(in_environments)
     for name, seconds in parts.items():
         print(f"  {name:26} {seconds:7.1f} s  {seconds / wall:5.1%}")
+    return wall
+
+
+def main() -> None:
+    in_environments: list[float] = []
+    for name in ("step", "reset"):
+        setattr(ArrayLanes, name, timed(getattr(ArrayLanes, name), in_environments))
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("overrides", nargs="*", metavar="key=value")
+    runs = each_run(parser.parse_args().overrides)
+    walls = [run(overrides, in_environments) for overrides in runs]
+    if len(runs) > 1:
+        print()
+    for overrides, wall in zip(runs[1:], walls[1:], strict=True):
+        other = set(overrides) - set(runs[0])
+        print(f"{' '.join(sorted(other)):60} {wall / walls[0]:6.2f} times the first")
 
 
 if __name__ == "__main__":

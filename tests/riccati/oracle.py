@@ -58,26 +58,30 @@ def solve_condensed(problem: LinearisedProblem, lane: int) -> np.ndarray:
     return problem.inputs[lane] + w.reshape(problem.inputs[lane].shape)
 
 
-def solve_in_extended_precision(
-    problem: LinearisedProblem, lane: int, plan: np.ndarray
-) -> tuple[np.ndarray, float]:
-    """Return the plan (N, nu) that is optimal if the inputs at bounds in `plan` belong there.
+def solve_in_extended_precision(problem: LinearisedProblem, lane: int) -> np.ndarray:
+    """Return the plan (N, nu) that fulfils the condensed problem's KKT conditions in 80 bits.
 
-    Also returns how far that plan breaks a bound or the sign of a multiplier, relative to the
-    range and to the largest entry of the gradient: zero, and it is the solution.
+    Begins with quadprog's active set. Inputs found outside a bound are put there, those whose
+    multiplier has the wrong sign are freed, until none is left; RuntimeError if some always is.
     """
     hessian, linear = condense(problem, lane, np.longdouble)
     low, high = (side.astype(np.longdouble) for side in bounds(problem, lane))
-    at_low, at_high = (plan == problem.input_low).ravel(), (plan == problem.input_high).ravel()
-    w = np.where(at_low, low, np.where(at_high, high, 0))
-    free = ~(at_low | at_high)
-    slope = linear + hessian @ w
-    w[free] -= _cholesky_solve(hessian[np.ix_(free, free)], slope[free])
-    slope = linear + hessian @ w
-    wrong = np.where(at_low, -slope, np.where(at_high, slope, 0)) / np.abs(linear).max()
-    outside = np.maximum(low - w, w - high) / (high - low)
-    broken = max(wrong.max(), outside.max(), 0.0)
-    return (problem.inputs[lane] + w.reshape(plan.shape)).astype(np.float64), float(broken)
+    plan = solve_condensed(problem, lane)
+    snap = 1e-9 * (problem.input_high - problem.input_low)
+    at_low = (plan <= problem.input_low + snap).ravel()
+    at_high = (plan >= problem.input_high - snap).ravel()
+    for _ in range(20):
+        w = np.where(at_low, low, np.where(at_high, high, 0))
+        free = ~(at_low | at_high)
+        slope = linear + hessian @ w
+        w[free] -= _cholesky_solve(hessian[np.ix_(free, free)], slope[free])
+        slope = linear + hessian @ w
+        stay_low, stay_high = at_low & (slope >= 0), at_high & (slope <= 0)
+        now_low, now_high = stay_low | (free & (w < low)), stay_high | (free & (w > high))
+        if np.array_equal(now_low, at_low) and np.array_equal(now_high, at_high):
+            return (problem.inputs[lane] + w.reshape(plan.shape)).astype(np.float64)
+        at_low, at_high = now_low, now_high
+    raise RuntimeError(f"lane {lane}: the active set goes in circles")
 
 
 def _cholesky_solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

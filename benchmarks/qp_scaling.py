@@ -1,0 +1,125 @@
+"""How the cost of an MPC step grows, and its curves: `python -m benchmarks.qp_scaling`.
+
+Horizon and states on random dense problems with two inputs, ten lanes, N 25 and six states where
+not varied; lanes on the vehicle's programmes in closed loop; workers on ten lanes of mpc_tracking
+at the nominal parameters. All ways take the same problems in turn; medians of CPU time per
+programme on one thread, for workers of wall time. Writes `docs/images/scaling_solver.svg`.
+"""
+
+from __future__ import annotations
+
+import os
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from benchmarks.executors import steps_per_second
+from benchmarks.figures import FIGURES, pyplot, save
+from benchmarks.qp_solvers import LANES, closed_loop_problems
+from benchmarks.qp_ways import OURS, PEERS, Way, cpu_seconds, installed
+from tests.mpc.problems import dense_problems
+from zoac.mpc.policy import _take
+from zoac.mpc.solvers.base import LinearisedProblem
+
+HORIZONS = (10, 25, 50, 100, 200)
+STATES = (2, 4, 6, 8, 12, 16, 24)
+LANE_COUNTS = (1, 3, 10, 30, 100, 300, 1000)
+SHOWN = ("riccati", "clarabel", "DAQP, condensed", "HPIPM, by CasADi")
+SOLVERS = ("riccati", "clarabel")
+
+Curves = dict[str, list[float]]
+
+
+def grow(
+    what: str,
+    sizes: Sequence[int],
+    problem: Callable[[int], LinearisedProblem],
+    ways: Mapping[str, Way],
+    rounds: int,
+) -> Curves:
+    """Return each way's microseconds per programme at each size, and print them."""
+    curves: Curves = {name: [] for name in ways}
+    for size in sizes:
+        given = problem(size)
+        batches = {name: way(given) for name, way in ways.items()}
+        taken: Curves = {name: [] for name in ways}
+        for _ in range(rounds):
+            for name, batch in batches.items():
+                taken[name].append(cpu_seconds(batch, batch)[0] * 1e6 / len(given.a))
+        for name, values in taken.items():
+            curves[name].append(float(np.median(values)))
+    print(f"\nus per programme     {what:>8}" + "".join(f"{size:10}" for size in sizes))
+    for name, values in curves.items():
+        print(f"{name:29}" + "".join(f"{value:10.1f}" for value in values))
+    first = curves[next(iter(curves))]
+    for name, values in list(curves.items())[1:]:
+        ratios = np.array(values) / first
+        print(f"  {name + ', times':27}" + "".join(f"{ratio:10.1f}" for ratio in ratios))
+    return curves
+
+
+def over_workers(workers: Sequence[int], rounds: int) -> Curves:
+    """Return steps per second by the number of workers (0: serial), for each solver."""
+    curves: Curves = {}
+    for solver in SOLVERS:
+        rates = steps_per_second(solver, LANES, workers, rounds)
+        curves[solver] = [float(np.median(rates[count])) for count in workers]
+        print(f"\nsteps/s, {solver}: " + ", ".join(
+            f"{count} workers {rate:,.0f} ({rate / curves[solver][0]:.2f} x)"
+            for count, rate in zip(workers, curves[solver], strict=True)
+        ))  # fmt: skip
+    return curves
+
+
+def draw(
+    panels: Sequence[tuple[str, Sequence[int], Curves]], workers: Sequence[int], rates: Curves
+) -> None:
+    """Write the figure of `docs/solver.md`; the first number of workers is what others go by."""
+    figure, axes = pyplot().subplots(2, 2, figsize=(9, 6.4), layout="constrained")
+    colours = {name: f"C{index}" for index, name in enumerate(SHOWN)}
+    for axis, (what, sizes, curves) in zip(axes.flat, panels, strict=False):
+        for name, values in curves.items():
+            axis.loglog(sizes, values, marker=".", label=name, color=colours[name])
+        axis.set(xlabel=what, ylabel="us per programme")
+        axis.set_xticks(sizes, [str(size) for size in sizes])
+        axis.minorticks_off()
+    axes[0, 0].legend(fontsize=7)
+    last = axes[1, 1]
+    for name, values in rates.items():
+        ratios = np.array(values) / values[0]
+        last.plot(workers, ratios, marker=".", label=name, color=colours[name])
+    last.set(xlabel="workers (0: serial)", ylabel="steps per second, of serial", ylim=(0.0, None))
+    last.set_xticks(workers)
+    save(figure, FIGURES / "scaling_solver.svg")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--workers", type=int, nargs="+", default=[0, 1, 2])
+    options = parser.parse_args()
+    ways = installed({name: make for name, make in {**OURS, **PEERS}.items() if name in SHOWN})
+    own = {name: ways[name] for name in SOLVERS}
+    (vehicle,) = closed_loop_problems(1)
+
+    def measure(
+        what: str, sizes: Sequence[int], make: Callable[[int], Any], which: Mapping[str, Way]
+    ) -> tuple[str, Sequence[int], Curves]:
+        return what, sizes, grow(what, sizes, make, which, options.rounds)
+
+    panels = [
+        measure("horizon", HORIZONS, lambda n: dense_problems(LANES, n, 6, 2, 0), ways),
+        measure("states", STATES, lambda nx: dense_problems(LANES, 25, nx, 2, 0), ways),
+        measure("lanes", LANE_COUNTS, lambda n: _take(vehicle, np.arange(n) % LANES), own),
+    ]
+    draw(panels, options.workers, over_workers(options.workers, options.rounds))
+
+
+if __name__ == "__main__":
+    main()
