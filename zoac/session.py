@@ -273,10 +273,20 @@ def _run_record(run: Run) -> dict[str, Any]:
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": {
             "system": platform.platform(),
-            "processor": platform.machine(),
+            "processor": _processor(),
             "cores": os.cpu_count(),
         },
     }
+
+
+def _processor() -> str:
+    """Name the processor: libraries choose their code by its model, and with it their rounding."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return (models or [platform.processor() or platform.machine()])[0]
 
 
 def _versions() -> dict[str, str]:

@@ -1,5 +1,6 @@
 """A run folder belongs to one run, whatever happens to it."""
 
+import json
 import pathlib
 import shutil
 
@@ -66,6 +67,30 @@ def test_a_run_json_without_a_configuration_is_refused(folder):
     (folder / records.RUN).write_text('{"format": 1}')
     with pytest.raises(RunFolderError, match="says nothing of the configuration"):
         tune(folder=folder)
+
+
+@pytest.mark.parametrize(
+    ("told", "model"),
+    [
+        ("vendor_id\t: A\nmodel name\t: A Chip: 9\n\nmodel name\t: A Chip: 9\n", "A Chip: 9"),
+        ("CPU part\t: 0xd0c\n", "a word"),
+        (None, "a word"),
+    ],
+)
+def test_the_processors_model_is_on_record_where_the_system_tells_it(
+    told, model, tmp_path, monkeypatch
+):
+    def read(path, *arguments, read=pathlib.Path.read_text, **options):
+        if path != pathlib.Path("/proc/cpuinfo"):
+            return read(path, *arguments, **options)
+        if told is None:
+            raise FileNotFoundError(path)
+        return told
+
+    monkeypatch.setattr(pathlib.Path, "read_text", read)
+    monkeypatch.setattr("platform.processor", lambda: "a word")
+    tune(folder=tmp_path)
+    assert json.loads((tmp_path / records.RUN).read_text())["machine"]["processor"] == model
 
 
 def test_a_file_system_without_locks_is_not_taken_for_a_lock_that_is_held(tmp_path, monkeypatch):
