@@ -200,7 +200,27 @@ def _prepare(folder: Path, config: Mapping[str, Any]) -> bool:
             f"{folder} holds a run of another configuration:\n{told}\n"
             "Use those values, another variant=<name>, or resume=overwrite"
         )
-    return records.is_done(folder)
+    done = records.is_done(folder)
+    if not done and (folder / records.CHECKPOINTS).exists():
+        _tell_what_differs(earlier)
+    return done
+
+
+def _tell_what_differs(earlier: Mapping[str, Any]) -> None:
+    """Say that a run goes on with other packages or another processor, which round otherwise."""
+    versions, machine = (earlier.get(key) for key in ("versions", "machine"))
+    then = dict(versions) if isinstance(versions, Mapping) else {}
+    if isinstance(machine, Mapping):
+        then["processor"] = machine.get("processor")
+    now = {**_versions(), "processor": _processor()}
+    # Records once told the processor's family alone, which is no difference.
+    changed = [n for n in now if then.get(n) not in (None, now[n], platform.machine())]
+    if changed:
+        print(
+            "this run goes on elsewhere than it began, so perhaps not to the same bits: "
+            + "; ".join(f"{name} {now[name]}, at first {then[name]}" for name in changed),
+            file=sys.stderr,
+        )
 
 
 def _empty(folder: Path) -> None:
@@ -268,7 +288,7 @@ def _run_record(run: Run) -> dict[str, Any]:
         "parameters": [asdict(p) for p in run.task.space.parameters],
         "fixed": dict(run.task.fixed),
         "nominal": None if nominal is None else dict(nominal),
-        "versions": {"python": platform.python_version(), **_versions()},
+        "versions": _versions(),
         "commit": _commit(),
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": {
@@ -290,7 +310,7 @@ def _processor() -> str:
 
 
 def _versions() -> dict[str, str]:
-    versions = {}
+    versions = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
             versions[name] = metadata.version(name)

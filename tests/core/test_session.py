@@ -2,11 +2,16 @@
 
 import json
 import pathlib
+import platform
+import re
 import shutil
 
 import pytest
 
+from tests.core.test_adapters import Drift
 from tests.core.test_api import tune
+from tests.core.test_unpicklable import stopped
+from tests.core.test_unpicklable import tune as tune_briefly
 from zoac import checkpoint, locks, records
 from zoac.errors import RunFolderError
 
@@ -91,6 +96,29 @@ def test_the_processors_model_is_on_record_where_the_system_tells_it(
     monkeypatch.setattr("platform.processor", lambda: "a word")
     tune(folder=tmp_path)
     assert json.loads((tmp_path / records.RUN).read_text())["machine"]["processor"] == model
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "was", "told"),
+    [
+        ("machine", "processor", "An Older Chip", "processor .*, at first An Older Chip"),
+        ("versions", "torch", "0.1", r"torch 2\..*, at first 0\.1"),
+        ("machine", "processor", platform.machine(), None),
+        ("versions", "gonelib", "0.1", None),
+        ("machine", None, "nonsense", None),
+    ],
+)
+def test_a_run_that_goes_on_elsewhere_is_told_so(
+    part, name, was, told, tmp_path, monkeypatch, capsys
+):
+    stopped(tmp_path, Drift, monkeypatch)
+    record = json.loads((tmp_path / records.RUN).read_text())
+    record[part] = {**record[part], name: was} if name else was
+    (tmp_path / records.RUN).write_text(json.dumps(record))
+    capsys.readouterr()
+    tune_briefly(tmp_path, Drift)
+    said = capsys.readouterr().err
+    assert re.search(f"goes on elsewhere.*: {told}$", said.strip()) if told else not said
 
 
 def test_a_file_system_without_locks_is_not_taken_for_a_lock_that_is_held(tmp_path, monkeypatch):
