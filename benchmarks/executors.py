@@ -50,6 +50,8 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=7)
     options = parser.parse_args()
+    if options.workers < 1:
+        parser.error("--workers: at least 1; serial is always the other side")
     rates = steps_per_second(options.solver, options.lanes, (0, options.workers), options.rounds)
     serial, process = (np.array(measured) for measured in rates.values())
     for name, measured in (("serial", serial), ("process", process)):

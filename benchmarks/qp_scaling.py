@@ -1,9 +1,10 @@
 """How the cost of an MPC step grows, and its curves: `python -m benchmarks.qp_scaling`.
 
 Horizon and states on random dense problems with two inputs, ten lanes, N 25 and six states where
-not varied; lanes on the vehicle's programmes in closed loop; workers on ten lanes of mpc_tracking
-at the nominal parameters. All ways take the same problems in turn; medians of CPU time per
-programme on one thread, for workers of wall time. Writes `docs/images/scaling_solver.svg`.
+not varied; lanes on a thousand of the vehicle's programmes in closed loop, in calls of so many;
+workers on ten lanes of mpc_tracking at the nominal parameters. All ways take the same problems in
+turn; medians of CPU time per programme on one thread, for workers of wall time. Writes
+`docs/images/scaling_solver.svg`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,12 +25,13 @@ from benchmarks.figures import FIGURES, pyplot, save
 from benchmarks.qp_solvers import LANES, closed_loop_problems
 from benchmarks.qp_ways import OURS, PEERS, Way, cpu_seconds, installed
 from tests.mpc.problems import dense_problems
-from zoac.mpc.policy import _take
+from zoac.mpc.policy import _PER_LANE, _take
 from zoac.mpc.solvers.base import LinearisedProblem
 
 HORIZONS = (10, 25, 50, 100, 200)
 STATES = (2, 4, 6, 8, 12, 16, 24)
-LANE_COUNTS = (1, 3, 10, 30, 100, 300, 1000)
+LANE_COUNTS = (1, 2, 5, 10, 20, 50, 100, 1000)
+PROGRAMMES = 1000
 SHOWN = ("riccati", "clarabel", "DAQP, condensed", "HPIPM, by CasADi")
 SOLVERS = ("riccati", "clarabel")
 
@@ -39,19 +41,23 @@ Curves = dict[str, list[float]]
 def grow(
     what: str,
     sizes: Sequence[int],
-    problem: Callable[[int], LinearisedProblem],
+    problems: Callable[[int], list[LinearisedProblem]],
     ways: Mapping[str, Way],
     rounds: int,
 ) -> Curves:
-    """Return each way's microseconds per programme at each size, and print them."""
+    """Return each way's microseconds per programme at each size, and print them.
+
+    `problems` gives those of a size, solved one after the other.
+    """
     curves: Curves = {name: [] for name in ways}
     for size in sizes:
-        given = problem(size)
-        batches = {name: way(given) for name, way in ways.items()}
+        given = problems(size)
+        programmes = sum(len(problem.a) for problem in given)
+        batches = {name: [run for p in given for run in way(p)] for name, way in ways.items()}
         taken: Curves = {name: [] for name in ways}
         for _ in range(rounds):
             for name, batch in batches.items():
-                taken[name].append(cpu_seconds(batch, batch)[0] * 1e6 / len(given.a))
+                taken[name].append(cpu_seconds(batch[:1], batch)[0] * 1e6 / programmes)
         for name, values in taken.items():
             curves[name].append(float(np.median(values)))
     print(f"\nus per programme     {what:>8}" + "".join(f"{size:10}" for size in sizes))
@@ -62,6 +68,12 @@ def grow(
         ratios = np.array(values) / first
         print(f"  {name + ', times':27}" + "".join(f"{ratio:10.1f}" for ratio in ratios))
     return curves
+
+
+def merge(problems: Sequence[LinearisedProblem]) -> LinearisedProblem:
+    """Return all lanes of `problems` as one problem."""
+    arrays = {name: np.concatenate([getattr(p, name) for p in problems]) for name in _PER_LANE}
+    return replace(problems[0], **arrays)
 
 
 def over_workers(workers: Sequence[int], rounds: int) -> Curves:
@@ -80,7 +92,7 @@ def over_workers(workers: Sequence[int], rounds: int) -> Curves:
 def draw(
     panels: Sequence[tuple[str, Sequence[int], Curves]], workers: Sequence[int], rates: Curves
 ) -> None:
-    """Write the figure of `docs/solver.md`; the first number of workers is what others go by."""
+    """Write the figure of `docs/solver.md`."""
     figure, axes = pyplot().subplots(2, 2, figsize=(9, 6.4), layout="constrained")
     colours = {name: f"C{index}" for index, name in enumerate(SHOWN)}
     for axis, (what, sizes, curves) in zip(axes.flat, panels, strict=False):
@@ -102,23 +114,30 @@ def draw(
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--workers", type=int, nargs="+", default=[0, 1, 2])
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="besides none")
     options = parser.parse_args()
+    workers = [0, *options.workers]
     ways = installed({name: make for name, make in {**OURS, **PEERS}.items() if name in SHOWN})
     own = {name: ways[name] for name in SOLVERS}
-    (vehicle,) = closed_loop_problems(1)
+    together = merge(closed_loop_problems(PROGRAMMES // LANES))
+
+    def split(lanes: int) -> list[LinearisedProblem]:
+        return [_take(together, slice(k, k + lanes)) for k in range(0, PROGRAMMES, lanes)]
 
     def measure(
-        what: str, sizes: Sequence[int], make: Callable[[int], Any], which: Mapping[str, Way]
+        what: str,
+        sizes: Sequence[int],
+        make: Callable[[int], list[LinearisedProblem]],
+        which: Mapping[str, Way],
     ) -> tuple[str, Sequence[int], Curves]:
         return what, sizes, grow(what, sizes, make, which, options.rounds)
 
     panels = [
-        measure("horizon", HORIZONS, lambda n: dense_problems(LANES, n, 6, 2, 0), ways),
-        measure("states", STATES, lambda nx: dense_problems(LANES, 25, nx, 2, 0), ways),
-        measure("lanes", LANE_COUNTS, lambda n: _take(vehicle, np.arange(n) % LANES), own),
+        measure("horizon", HORIZONS, lambda n: [dense_problems(LANES, n, 6, 2, 0)], ways),
+        measure("states", STATES, lambda nx: [dense_problems(LANES, 25, nx, 2, 0)], ways),
+        measure("lanes", LANE_COUNTS, split, own),
     ]
-    draw(panels, options.workers, over_workers(options.workers, options.rounds))
+    draw(panels, workers, over_workers(workers, options.rounds))
 
 
 if __name__ == "__main__":

@@ -107,14 +107,20 @@ def quadprog_way() -> Way:
     return lane_by_lane(prepare)
 
 
-def daqp_way() -> Way:
+def daqp(problem: LinearisedProblem, lane: int) -> Callable[[], Any]:
+    """Return the call of DAQP whose answer begins with plan, cost and 1 for solved."""
     solve = import_module("daqp").solve
+    hessian, linear = condense(problem, lane)
+    low, high = bounds(problem, lane)
+    return partial(solve, hessian, linear, np.zeros((0, len(low))), high, low, **DAQP)
+
+
+def daqp_way() -> Way:
+    import_module("daqp")
 
     def prepare(problem: LinearisedProblem, lane: int) -> Callable[[], np.ndarray]:
-        hessian, linear = condense(problem, lane)
-        low, high = bounds(problem, lane)
-        none = np.zeros((0, len(low)))
-        return lambda: solve(hessian, linear, none, high, low, **DAQP)[0]
+        solve = daqp(problem, lane)
+        return lambda: solve()[0]
 
     return lane_by_lane(prepare)
 
@@ -258,10 +264,11 @@ def hpipm_way() -> Way:
         answers = [np.zeros(size), np.zeros(1), np.zeros(n * nx), np.zeros(size)]
         for index, values in enumerate(arguments):
             buffer.set_arg(index, memoryview(values))
-        for index, values in enumerate(answers):  # a missing one ends in a segmentation fault
-            buffer.set_res(index, memoryview(values))
 
         def run() -> np.ndarray:
+            # All of them, or it ends in a segmentation fault; anew, for a call writes them once.
+            for index, values in enumerate(answers):
+                buffer.set_res(index, memoryview(values))
             evaluate()
             return answers[0][: n * (nx + nu)].reshape(n, -1)[:, nx:].ravel()
 

@@ -4,7 +4,8 @@ Takes the overrides of `python -m zoac.run`, runs once in a temporary folder, an
 seconds of the critic (the tuner's share), of solvers, of environments, of evaluation and of the
 rest. What environments take is known only where they run in this process (`executor=serial`).
 An override with several values (`mpc_solver=riccati,clarabel`) makes a run of each, one after the
-other, and prints how many times as long as the first the others took.
+other, and prints how many times as long as the first the others took. A short run before each,
+which is not counted, loads and compiles.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from zoac.config import compose_config, resolved
 from zoac.environment import ArrayLanes
 from zoac.session import run_session
+
+SHORT = ("budget=500", "evaluation.episodes=1", "evaluation.final_episodes=1")
 
 
 def timed(method: Callable[..., Any], spent: list[float]) -> Callable[..., Any]:
@@ -50,15 +53,21 @@ def each_run(overrides: Sequence[str]) -> list[tuple[str, ...]]:
     return list(product(*choices))
 
 
-def run(overrides: Sequence[str], in_environments: list[float]) -> float:
-    """Make a run, print where its time went, and return its seconds."""
-    in_environments.clear()
+def run(overrides: Sequence[str]) -> dict[str, Any]:
+    """Make a run in a temporary folder, and return its result."""
     with tempfile.TemporaryDirectory() as folder:
         config = compose_config([*overrides, f"runs_dir={folder}"])
         choices = config.hydra.runtime.choices
-        result = run_session(
+        return run_session(
             resolved(config), task=choices["task"], tuner=choices["tuner"], command=sys.argv
         )
+
+
+def timed_run(overrides: Sequence[str], in_environments: list[float]) -> float:
+    """Make a run, print where its time went, and return its seconds."""
+    run([*overrides, *SHORT])
+    in_environments.clear()
+    result = run(overrides)
     wall: float = result["wall_seconds"]
     steps, compute = result["env_steps"], result["compute_seconds"]
     print(f"{steps:,} steps in {wall:.1f} s, {compute:.1f} s of processor time")
@@ -85,7 +94,7 @@ def main() -> None:
     )
     parser.add_argument("overrides", nargs="*", metavar="key=value")
     runs = each_run(parser.parse_args().overrides)
-    walls = [run(overrides, in_environments) for overrides in runs]
+    walls = [timed_run(overrides, in_environments) for overrides in runs]
     if len(runs) > 1:
         print()
     for overrides, wall in zip(runs[1:], walls[1:], strict=True):

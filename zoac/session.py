@@ -207,18 +207,20 @@ def _prepare(folder: Path, config: Mapping[str, Any]) -> bool:
 
 
 def _tell_what_differs(earlier: Mapping[str, Any]) -> None:
-    """Say that a run goes on with other packages or another processor, which round otherwise."""
+    """Say that a run goes on with other code or on another processor, which may round otherwise."""
     versions, machine = (earlier.get(key) for key in ("versions", "machine"))
     then = dict(versions) if isinstance(versions, Mapping) else {}
-    if isinstance(machine, Mapping):
-        then["processor"] = machine.get("processor")
-    now = {**_versions(), "processor": _processor()}
-    # Records once told the processor's family alone, which is no difference.
-    changed = [n for n in now if then.get(n) not in (None, now[n], platform.machine())]
+    now = _versions()
+    if isinstance(machine, Mapping) and machine.get("processor") != platform.machine():
+        # The family alone is what records once told, and is no difference.
+        then["processor"], now["processor"] = machine.get("processor"), _processor()
+    then["commit"], now["commit"] = earlier.get("commit"), _commit()
+    changed = [name for name in {**then, **now} if then.get(name) != now.get(name)]
     if changed:
+        told = [f"{name} {now.get(name)}, at first {then.get(name)}" for name in changed]
         print(
             "this run goes on elsewhere than it began, so perhaps not to the same bits: "
-            + "; ".join(f"{name} {now[name]}, at first {then[name]}" for name in changed),
+            + "; ".join(told),
             file=sys.stderr,
         )
 
@@ -302,14 +304,14 @@ def _run_record(run: Run) -> dict[str, Any]:
 def _processor() -> str:
     """Name the processor: libraries choose their code by its model, and with it their rounding."""
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
     except OSError:
         lines = []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return (models or [platform.processor() or platform.machine()])[0]
+    return next(filter(None, models), platform.processor() or platform.machine())
 
 
-def _versions() -> dict[str, str]:
+def _versions() -> dict[str, Any]:
     versions = {"python": platform.python_version()}
     for name in PACKAGES:
         try:

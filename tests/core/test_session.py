@@ -78,6 +78,7 @@ def test_a_run_json_without_a_configuration_is_refused(folder):
     ("told", "model"),
     [
         ("vendor_id\t: A\nmodel name\t: A Chip: 9\n\nmodel name\t: A Chip: 9\n", "A Chip: 9"),
+        ("model name\t:\n", "a word"),
         ("CPU part\t: 0xd0c\n", "a word"),
         (None, "a word"),
     ],
@@ -104,7 +105,8 @@ def test_the_processors_model_is_on_record_where_the_system_tells_it(
         ("machine", "processor", "An Older Chip", "processor .*, at first An Older Chip"),
         ("versions", "torch", "0.1", r"torch 2\..*, at first 0\.1"),
         ("machine", "processor", platform.machine(), None),
-        ("versions", "gonelib", "0.1", None),
+        ("versions", "gonelib", "0.1", "gonelib None, at first 0.1"),
+        ("commit", None, "an older one", "commit .*, at first an older one"),
         ("machine", None, "nonsense", None),
     ],
 )

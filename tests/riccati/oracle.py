@@ -62,7 +62,7 @@ def solve_in_extended_precision(problem: LinearisedProblem, lane: int) -> np.nda
     """Return the plan (N, nu) that fulfils the condensed problem's KKT conditions in 80 bits.
 
     Begins with quadprog's active set. Inputs found outside a bound are put there, those whose
-    multiplier has the wrong sign are freed, until none is left; RuntimeError if some always is.
+    multiplier has the wrong sign are freed, until none is left; RuntimeError if that never is so.
     """
     hessian, linear = condense(problem, lane, np.longdouble)
     low, high = (side.astype(np.longdouble) for side in bounds(problem, lane))
@@ -79,9 +79,11 @@ def solve_in_extended_precision(problem: LinearisedProblem, lane: int) -> np.nda
         stay_low, stay_high = at_low & (slope >= 0), at_high & (slope <= 0)
         now_low, now_high = stay_low | (free & (w < low)), stay_high | (free & (w > high))
         if np.array_equal(now_low, at_low) and np.array_equal(now_high, at_high):
+            if not np.isfinite(w).all():
+                break
             return (problem.inputs[lane] + w.reshape(plan.shape)).astype(np.float64)
         at_low, at_high = now_low, now_high
-    raise RuntimeError(f"lane {lane}: the active set goes in circles")
+    raise RuntimeError(f"lane {lane}: no plan; the active set goes in circles, or data overflow")
 
 
 def _cholesky_solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -28,7 +28,8 @@ class Riccati:
 
     Cost grows linearly with the horizon and cubically with states and inputs. A lane's plan
     depends on that lane's data alone, to the bit. The first solve with new numbers of states
-    and inputs, or a new pattern of zeros, compiles for half a minute; the result is kept on disk.
+    and inputs, or a new pattern of zeros, compiles for up to half a minute; the result is kept
+    on disk.
     """
 
     screens = True
