@@ -68,7 +68,7 @@ def timed_run(overrides: Sequence[str], in_environments: list[float]) -> float:
     run([*overrides, *SHORT])
     in_environments.clear()
     result = run(overrides)
-    wall: float = result["wall_seconds"]
+    wall = result["wall_seconds"]
     steps, compute = result["env_steps"], result["compute_seconds"]
     print(f"{steps:,} steps in {wall:.1f} s, {compute:.1f} s of processor time")
     rest = wall - result["tuner_seconds"] - result["evaluation_seconds"]

@@ -126,7 +126,9 @@ def execute(run: Run, folder: Path) -> dict[str, Any]:
             if not run.quiet:
                 print(f"{folder}: done already; resume=overwrite starts anew")
             return records.read_result(folder)
-        log = RunLog(folder, _run_record(run), run.sinks)
+        record = _run_record(run)
+        _tell_what_differs(folder, record)
+        log = RunLog(folder, record, run.sinks)
         try:
             run.executor.start(run.task, run.settings.lanes, run.settings.seed)
             with _stop_on_signal() as stop:
@@ -200,21 +202,16 @@ def _prepare(folder: Path, config: Mapping[str, Any]) -> bool:
             f"{folder} holds a run of another configuration:\n{told}\n"
             "Use those values, another variant=<name>, or resume=overwrite"
         )
-    done = records.is_done(folder)
-    if not done and (folder / records.CHECKPOINTS).exists():
-        _tell_what_differs(earlier)
-    return done
+    return records.is_done(folder)
 
 
-def _tell_what_differs(earlier: Mapping[str, Any]) -> None:
+def _tell_what_differs(folder: Path, record: Mapping[str, Any]) -> None:
     """Say that a run goes on with other code or on another processor, which may round otherwise."""
-    versions, machine = (earlier.get(key) for key in ("versions", "machine"))
-    then = dict(versions) if isinstance(versions, Mapping) else {}
-    now = _versions()
-    if isinstance(machine, Mapping) and machine.get("processor") != platform.machine():
-        # The family alone is what records once told, and is no difference.
-        then["processor"], now["processor"] = machine.get("processor"), _processor()
-    then["commit"], now["commit"] = earlier.get("commit"), _commit()
+    if not (folder / records.CHECKPOINTS).exists():
+        return
+    then, now = _origin(records.read_run(folder)), _origin(record)
+    if then["processor"] in (None, platform.machine()):  # once only the family was on record
+        then["processor"] = now["processor"]
     changed = [name for name in {**then, **now} if then.get(name) != now.get(name)]
     if changed:
         told = [f"{name} {now.get(name)}, at first {then.get(name)}" for name in changed]
@@ -223,6 +220,15 @@ def _tell_what_differs(earlier: Mapping[str, Any]) -> None:
             + "; ".join(told),
             file=sys.stderr,
         )
+
+
+def _origin(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a run's bits depend on besides its configuration, from its `run.json`."""
+    versions, machine = (
+        part if isinstance(part := record.get(key), Mapping) else {}
+        for key in ("versions", "machine")
+    )
+    return {**versions, "processor": machine.get("processor"), "commit": record.get("commit")}
 
 
 def _empty(folder: Path) -> None:
@@ -311,7 +317,7 @@ def _processor() -> str:
     return next(filter(None, models), platform.processor() or platform.machine())
 
 
-def _versions() -> dict[str, Any]:
+def _versions() -> dict[str, str]:
     versions = {"python": platform.python_version()}
     for name in PACKAGES:
         try:

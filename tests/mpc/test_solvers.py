@@ -113,6 +113,16 @@ def test_inputs_may_be_free_bounded_or_fixed(solver, low: tuple, high: tuple) ->
     np.testing.assert_allclose(solution.inputs, Riccati().solve(problem).inputs, atol=1e-6)
 
 
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_rollout_that_costs_nothing_is_already_the_plan(solver) -> None:
+    problem = dense_problems(2, 6, 3, 2, seed=0)
+    names = ("states", "inputs", "reference")
+    at_rest = replace(problem, **{n: np.zeros_like(getattr(problem, n)) for n in names})
+    solution = solver().solve(at_rest)
+    np.testing.assert_array_equal(solution.status, Status.SOLVED)
+    np.testing.assert_allclose(solution.inputs, 0.0, atol=1e-9)
+
+
 def test_clarabel_needs_few_iterations_near_a_good_controller(clarabel) -> None:
     z = np.repeat(SPACE.unit(NOMINAL)[None], 30, axis=0)
     assert clarabel.solve(tracking_problems(z, 0)).iterations.mean() < 4

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.mpc.problems import box_points, tracking_problems
+from tests.riccati import oracle
 from tests.riccati.oracle import (
     condense,
     kkt_error,
@@ -74,6 +75,18 @@ def test_badly_conditioned_problems_are_solved_to_more_digits_than_condensing_le
     exact = solve_in_extended_precision(problem, 0)
     assert solution.status[0] == Status.SOLVED
     np.testing.assert_allclose(solution.inputs[0], exact, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("side", ["input_low", "input_high"])
+def test_the_oracle_mends_the_active_set_that_it_begins_with(
+    side: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = cart_poles(3, 6, 2)
+    plans = [solve_in_extended_precision(problem, lane) for lane in range(3)]
+    everything_held = np.broadcast_to(getattr(problem, side), problem.inputs[0].shape)
+    monkeypatch.setattr(oracle, "solve_condensed", lambda *_: everything_held)
+    for lane, plan in enumerate(plans):
+        np.testing.assert_array_equal(solve_in_extended_precision(problem, lane), plan)
 
 
 def test_plans_cost_what_clarabels_cost() -> None:
