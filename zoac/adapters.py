@@ -135,7 +135,7 @@ class UserTask(Task):
     def make_env(self, n: int) -> GymnasiumLanes:
         """Return `n` environments as lanes."""
         envs = [self._one_env() for _ in range(n)]
-        return GymnasiumLanes(envs, self._max_episode_steps, self._plant, self._vary)
+        return GymnasiumLanes(envs, self._max_episode_steps, self._plant, self._vary, self._one_env)
 
     def _one_env(self) -> gymnasium.Env:
         if isinstance(self._env, str):

@@ -109,8 +109,9 @@ def tune(
             the start values; else they stay. `result.record["gate"]` tells.
         scout: Random points, an episode each, of which the best is where the tuner starts.
         common_episodes: Whole episodes that the tuner asks for together begin alike.
-        failure_penalty: Cost of a step at which the controller raises or acts with what is not a
-            finite action, which ends the episode; None: that ends the run with a message.
+        failure_penalty: Cost of a step that fails, which ends its episode: controller or
+            environment raises, or returns what is not finite; None: that ends the run with a
+            message. `result.record` counts `failures` and keeps the `first_failure`.
         tuner_options: By name, such as {"sigma": 0.05}.
         executor: "serial" or "process".
         eval_every: Steps between evaluations; None: a tenth of the budget.
@@ -124,7 +125,10 @@ def tune(
 
     Raises:
         ConfigError: If something given cannot be used.
-        ControllerError: If the controller raises or returns what is not a finite action.
+        ControllerError: If the controller raises or returns what is not a finite action, and
+            there is no `failure_penalty`.
+        EnvironmentFailure: If the environment raises or returns what is not finite, likewise.
+        NothingWorksError: If every episode fails.
         RunFolderError: If `folder` holds another run.
     """
     options_of_task = {

@@ -271,6 +271,8 @@ def _played(
     rows = [observations[0].copy()]
     for action in actions:
         observations, _, terminated, truncated, infos = env.step(action[None])
+        for failure in infos.get("failures", {}).values():
+            raise failure
         ended = terminated[0] or truncated[0]
         rows.append(np.concatenate([observations[0], infos["cost"], [ended]]))
         if ended:

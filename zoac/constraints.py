@@ -28,13 +28,18 @@ from zoac.task import Constraint
 def excess(segment: Segment, constraints: Sequence[Constraint]) -> np.ndarray:
     """Return by how much each constraint is violated at each step, (T, C); 0 where it holds.
 
-    What is not finite counts as a violation without bound.
+    What is not finite counts as a violation without bound. A step that failed violates nothing:
+    it was not measured, and has its own price, the task's `failure_penalty`.
 
     Raises:
         ConfigError: If a constraint does not return one number per step.
     """
-    values = np.stack([c.values(segment).astype(np.float64) for c in constraints], axis=1)
-    return np.where(np.isfinite(values), np.maximum(values, 0.0), np.inf)
+    measured = segment.measured()
+    amounts = np.zeros((segment.length, len(constraints)))
+    if measured.length:
+        values = np.stack([c.values(measured).astype(np.float64) for c in constraints], axis=1)
+        amounts[: measured.length] = np.where(np.isfinite(values), np.maximum(values, 0.0), np.inf)
+    return amounts
 
 
 def violations(segments: Sequence[Segment], constraints: Sequence[Constraint]) -> dict[str, Any]:

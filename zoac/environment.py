@@ -78,7 +78,8 @@ class LaneEnv(VectorEnv, ABC):
 
         Returns:
             Observations (n, o), rewards (n,) = -cost, terminated (n,), truncated (n,), and
-            infos with `cost` (n,). A lane that stood still reports cost 0 and no end.
+            infos with `cost` (n,). A lane that stood still reports cost 0 and no end. Infos may
+            hold `failures`, lane -> `zoac.errors.EnvironmentFailure`, as those of `reset` may.
         """
 
     @abstractmethod

@@ -35,6 +35,14 @@ class EnvironmentContractError(ZoacError):
     """An environment broke the rules of Gymnasium's interface."""
 
 
+class EnvironmentFailure(EnvironmentContractError):
+    """An environment raised, or gave an observation or a cost that is not finite."""
+
+
+class NothingWorksError(ZoacError):
+    """Every episode failed, so that there is nothing to tune on."""
+
+
 def suggest(name: str, choices: Iterable[str]) -> str:
     """Return "did you mean ...?" and the list of valid choices, as one clause.
 

@@ -34,6 +34,8 @@ def evaluation_row(
 ) -> dict[str, Any]:
     """Return the numbers of an evaluation, with undiscounted plain costs.
 
+    Metrics leave out steps that failed; the mean over no step at all is None.
+
     Raises:
         ConfigError: If a metric or constraint does not return one number per step.
     """
@@ -47,8 +49,12 @@ def evaluation_row(
         **violations(segments, constraints),
     }
     for metric in metrics:
-        values = np.concatenate([metric.values(s) for s in segments])
-        row[metric.name] = float(values.mean()) if metric.reduce == "mean" else _sum(values)
+        measured = [s.measured() for s in segments]
+        values = np.concatenate([np.zeros(0), *(metric.values(s) for s in measured if s.length)])
+        if metric.reduce == "sum":
+            row[metric.name] = _sum(values)
+        else:
+            row[metric.name] = float(values.mean()) if len(values) else None
     return row
 
 

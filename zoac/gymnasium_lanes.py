@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -12,7 +13,13 @@ from gymnasium.spaces import Box, Discrete
 from gymnasium.wrappers import TimeLimit
 
 from zoac.environment import LaneEnv
-from zoac.errors import ConfigError, EnvironmentContractError, suggest
+from zoac.errors import (
+    ConfigError,
+    EnvironmentContractError,
+    EnvironmentFailure,
+    ZoacError,
+    suggest,
+)
 from zoac.seeding import stream
 
 Bounds = tuple[float, float] | list[float]
@@ -35,6 +42,7 @@ class GymnasiumLanes(LaneEnv):
         max_episode_steps: int | None,
         plant: Mapping[str, float] | None = None,
         vary: Mapping[str, Bounds] | None = None,
+        make: Callable[[], gymnasium.Env] | None = None,
     ) -> None:
         """
         Args:
@@ -44,6 +52,7 @@ class GymnasiumLanes(LaneEnv):
             plant: Attributes of the innermost environment, and the numbers they are set to before
                 every reset.
             vary: Likewise, and the range (low, high) from which every episode draws uniformly.
+            make: Makes an environment in place of one that raised; None: that one is reset.
 
         Raises:
             ConfigError: If its spaces are of a kind that cannot be tuned on, or it has no such
@@ -70,6 +79,7 @@ class GymnasiumLanes(LaneEnv):
         super().__init__(len(envs), observations, actions, limit or np.iinfo(np.int64).max)
         self._unlimited = limit is None
         self._envs = list(envs)
+        self._make = make
         self._plant = {name: float(value) for name, value in (plant or {}).items()}
         for env in self._envs:
             _set_plant(env, self._plant)
@@ -89,7 +99,11 @@ class GymnasiumLanes(LaneEnv):
             ConfigError: If the environment's reset puts its own number where `plant` or `vary` put
                 another.
             EnvironmentContractError: If it breaks the rules of Gymnasium's interface.
+
+        A lane whose environment raises, or whose observation is not finite, stands among the
+        infos' `failures`, lane -> `EnvironmentFailure`.
         """
+        failures: dict[int, EnvironmentFailure] = {}
         options = dict(options or {})
         mask = options.pop("reset_mask", None)
         if isinstance(seed, (int, np.integer)):
@@ -106,12 +120,15 @@ class GymnasiumLanes(LaneEnv):
             drawn = {k: float(self._draws[lane].uniform(*ends)) for k, ends in self._vary.items()}
             # Before the reset, whose start may depend on them; its step may have changed them.
             _set_plant(self._envs[lane], self._plant | drawn)
-            result = self._envs[lane].reset(seed=short, options=options or None)
-            observation, _ = _parts(result, "reset", ("observation", "info"))
-            _check_plant(self._envs[lane], self._plant | drawn)
-            self._see(lane, observation)
             self._steps[lane] = 0
-        return self._seen.copy(), {}
+            try:
+                result = self._call(lane, "reset", seed=short, options=options or None)
+                observation, _ = _parts(result, "reset", ("observation", "info"))
+                _check_plant(self._envs[lane], self._plant | drawn)
+                self._see(lane, observation)
+            except EnvironmentFailure as failure:
+                failures[lane] = failure
+        return self._seen.copy(), {"failures": failures}
 
     def step(
         self, actions: np.ndarray, mask: np.ndarray | None = None
@@ -121,21 +138,24 @@ class GymnasiumLanes(LaneEnv):
         Raises:
             ConfigError: If an episode that nothing limits does not end.
             EnvironmentContractError: If the environment breaks the rules of Gymnasium's interface.
+
+        A lane whose environment raises, or whose observation or cost is not finite, stands among
+        the infos' `failures`, lane -> `EnvironmentFailure`, and reports cost 0 and no end.
         """
         n = self.num_envs
+        failures: dict[int, EnvironmentFailure] = {}
         cost, terminated, truncated = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
         for lane in range(n) if mask is None else np.flatnonzero(mask).tolist():
             action = env_action(self._envs[lane].action_space, actions[lane])
-            result = self._envs[lane].step(action)
-            observation, reward, terminated[lane], cut, info = _parts(result, "step", _STEP)
-            self._see(lane, observation)
-            cost[lane] = info.get("cost", -float(reward))
-            if not np.isfinite(cost[lane]):
-                raise EnvironmentContractError(
-                    f"the environment's step gave the cost {cost[lane]} (reward {reward!r}), "
-                    "expected a finite number"
-                )
             self._steps[lane] += 1
+            try:
+                result = self._call(lane, "step", action)
+                observation, reward, terminated[lane], cut, info = _parts(result, "step", _STEP)
+                self._see(lane, observation)
+                cost[lane] = _cost(reward, info)
+            except EnvironmentFailure as failure:
+                failures[lane], terminated[lane] = failure, False
+                continue
             over_time = self._steps[lane] >= self.max_episode_steps
             truncated[lane] = (cut or over_time) and not terminated[lane]
             too_long = self._unlimited and self._steps[lane] >= LONGEST_EPISODE
@@ -144,7 +164,26 @@ class GymnasiumLanes(LaneEnv):
                     f"an episode has not ended after {LONGEST_EPISODE:,} steps; the environment "
                     "needs a time limit: give max_episode_steps"
                 )
-        return self._seen.copy(), -cost, terminated, truncated, {"cost": cost}
+        return self._seen.copy(), -cost, terminated, truncated, {"cost": cost, "failures": failures}
+
+    def _call(self, lane: int, method: str, *arguments: Any, **options: Any) -> Any:
+        """Call an environment's method; one that raises is replaced by a new environment.
+
+        Raises:
+            EnvironmentFailure: If it raises.
+        """
+        try:
+            return getattr(self._envs[lane], method)(*arguments, **options)
+        except ZoacError:
+            raise
+        except Exception as error:
+            if self._make is not None:
+                with contextlib.suppress(Exception):  # it is broken already
+                    self._envs[lane].close()
+                self._envs[lane] = self._make()
+            raise EnvironmentFailure(
+                f"the environment's {method} raised {type(error).__name__}: {error}"
+            ) from error
 
     def _see(self, lane: int, observation: Any) -> None:
         flat = np.asarray(observation, dtype=np.float64).reshape(-1)
@@ -154,7 +193,7 @@ class GymnasiumLanes(LaneEnv):
                 f"{self._seen.shape[1]} as its observation_space says"
             )
         if not np.isfinite(flat).all():
-            raise EnvironmentContractError(
+            raise EnvironmentFailure(
                 f"the environment returned the observation {flat.tolist()}; every number must be "
                 "finite"
             )
@@ -240,6 +279,21 @@ def _range(name: str, bounds: Bounds) -> tuple[float, float]:
     if len(bounds) != 2 or not bounds[0] <= bounds[1]:
         raise ConfigError(f"vary.{name}={list(bounds)}: expected [low, high]")
     return float(bounds[0]), float(bounds[1])
+
+
+def _cost(reward: Any, info: Mapping[str, Any]) -> float:
+    """Return the cost of a step.
+
+    Raises:
+        EnvironmentFailure: If it is not finite.
+    """
+    cost = info.get("cost", -float(reward))
+    if not np.isfinite(cost):
+        raise EnvironmentFailure(
+            f"the environment's step gave the cost {cost} (reward {reward!r}), expected a finite "
+            "number"
+        )
+    return cost
 
 
 _STEP = ("observation", "reward", "terminated", "truncated", "info")

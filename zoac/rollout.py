@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zoac.environment import can_be_put_back
-from zoac.errors import ControllerError, ZoacError
+from zoac.errors import ControllerError, EnvironmentFailure, ZoacError, suggest
 from zoac.recording import Recording
 from zoac.seeding import stream_seed
 from zoac.segments import Proposal, Segment
@@ -63,7 +63,9 @@ class LaneGroup:
         self._steps = np.zeros(self.n, dtype=np.int64)  # since the start of the episode
         self._everyone = np.arange(self.n)
         self._penalty = task.failure_penalty
-        self._failed = np.zeros(self.n, dtype=bool)  # lanes whose controller failed at this step
+        self._parameter_names = (*self._space.names, *task.fixed)
+        self._failures: dict[int, str] = {}  # why lanes fail at this step
+        self._not_begun: dict[int, str] = {}  # why lanes could not begin their episode
         # One contiguous row of n values per parameter.
         self._values = np.zeros((len(self._space.names), self.n))
         self._parameters = dict(zip(self._space.names, self._values, strict=True))
@@ -72,8 +74,10 @@ class LaneGroup:
         """Run all proposals; return their segments in the same order.
 
         Raises:
-            ControllerError: If the controller raises or returns unusable actions, unless the task
-                has a `failure_penalty`: then that step ends the episode and costs so much.
+            ControllerError: If the controller raises or returns unusable actions.
+            EnvironmentFailure: If the environment raises or returns what is not finite. Where the
+                task has a `failure_penalty`, either ends the episode instead, and that step costs
+                so much.
         """
         values = self._space.values(np.stack([p.z for p in proposals])) if proposals else None
         queues: list[deque[int]] = [deque() for _ in range(self.n)]
@@ -100,17 +104,8 @@ class LaneGroup:
         for lane in range(self.n):
             begin(lane)
         while active.any():
-            everyone = bool(active.all())
-            self._failed[:] = False
-            actions, diagnostics = self._act(None if everyone else np.flatnonzero(active))
             before = self._observations
-            self._observations, _, terminated, truncated, infos = self._env.step(
-                actions, None if everyone else active
-            )
-            costs = infos["cost"]
-            if self._failed.any():
-                terminated, truncated = terminated | self._failed, truncated & ~self._failed
-                costs = np.where(self._failed, self._penalty, costs)
+            actions, costs, terminated, truncated, diagnostics = self._advance(active)
             record.append(before, actions, costs, diagnostics)
             self._steps += active
             remaining -= 1
@@ -126,6 +121,7 @@ class LaneGroup:
                     terminated=ended,
                     truncated=cut,
                     starts_episode=run.starts_episode,
+                    failure=self._failures.get(lane),
                     **record.cut(run.first_row, lane, self._observations[lane]),
                 )
                 self._needs_reset[lane] = ended or cut
@@ -135,6 +131,51 @@ class LaneGroup:
                     self._needs_reset[lane] = True
                 begin(lane)
         return [segment for segment in segments if segment is not None]
+
+    def _advance(self, active: np.ndarray) -> tuple[Any, ...]:
+        """Let controllers act and environments step where `active` (n,) holds; price failures.
+
+        Returns:
+            Actions (n, m), costs, terminated and truncated (n,), and the controllers' diagnostics.
+        """
+        self._failures, self._not_begun = self._not_begun, {}
+        moves = active.copy()
+        moves[list(self._failures)] = False
+        everyone = bool(moves.all())
+        actions, diagnostics = self._act(None if everyone else np.flatnonzero(moves))
+        before = self._observations
+        self._observations, _, terminated, truncated, infos = self._env.step(
+            actions, None if everyone else moves
+        )
+        costs, failures = infos["cost"], dict(infos.get("failures", {}))
+        if self._penalty is not None:
+            finite = np.isfinite(costs) & np.isfinite(self._observations.reshape(self.n, -1)).all(1)
+            for lane in np.flatnonzero(moves & ~finite).tolist():
+                self._observations[lane] = before[lane]
+                failures[lane] = EnvironmentFailure(
+                    "the environment returned an observation or a cost that is not finite"
+                )
+        for lane, failure in failures.items():
+            self._begin_anew(lane)
+            if lane not in self._failures:
+                self._failures[lane] = self._priced(failure, f"{failure}. {self._place(lane)}")
+        if self._failures:
+            failed = np.zeros(self.n, dtype=bool)
+            failed[list(self._failures)] = True
+            terminated, truncated = terminated | failed, truncated & ~failed
+            costs = np.where(failed, self._penalty, costs)
+        return actions, costs, terminated, truncated, diagnostics
+
+    def _priced(self, failure: ZoacError, told: str) -> str:
+        """Return what is told of a failure, if the task prices failures; else raise it.
+
+        Raises:
+            ControllerError: If the controller failed and there is no penalty.
+            EnvironmentFailure: If the environment did.
+        """
+        if self._penalty is not None:
+            return told
+        raise type(failure)(f"{told}. {REMEDY}") from failure.__cause__
 
     def _stand(self, lane: int, index: int, proposal: Proposal, row: int) -> _Running:
         """Bring `lane` to where `proposal` starts."""
@@ -148,14 +189,14 @@ class LaneGroup:
         else:
             whole_episode = proposal.horizon is None and self._steps[lane] > 0
             if self._needs_reset[lane] or whole_episode:
-                self._reset(lane, self._first_seeds[lane])
-                self._first_seeds[lane] = None
+                seed, self._first_seeds[lane] = self._first_seeds[lane], None
+                self._reset(lane, seed)
             if proposal.branch:
                 resume = self._snapshot(lane)
         return _Running(index, row, proposal.horizon, bool(self._steps[lane] == 0), resume)
 
     def _begin_anew(self, lane: int) -> None:
-        """Have `lane`, which cannot be put back, start an episode of its own the next time."""
+        """Have `lane`, which failed or cannot be put back, start an episode of its own next."""
         self._restarts[lane] += 1
         seed = stream_seed(self._seeds[lane], "restart", int(self._restarts[lane]))
         self._first_seeds[lane] = seed
@@ -165,12 +206,15 @@ class LaneGroup:
         mask[lane] = True
         seeds: list[int | None] = [None] * self.n
         seeds[lane] = seed
-        observations, _ = self._env.reset(seed=seeds, options={"reset_mask": mask})
+        self._steps[lane] = 0
+        observations, infos = self._env.reset(seed=seeds, options={"reset_mask": mask})
+        if (failure := infos.get("failures", {}).get(lane)) is not None:
+            self._not_begun[lane] = self._priced(failure, f"{failure}. {self._place(lane)}")
+            self._begin_anew(lane)
         self._observations = self._observations.copy()
         self._observations[lane] = observations[lane]
         self._set_memory(lane, {k: v[lane] for k, v in self._initial_memory.items()})
-        self._needs_reset[lane] = False
-        self._steps[lane] = 0
+        self._needs_reset[lane] = lane in self._not_begun
 
     def _set_memory(self, lane: int, row: Mapping[str, np.ndarray]) -> None:
         self._memory = _copied(self._memory)
@@ -179,6 +223,8 @@ class LaneGroup:
 
     def _act(self, lanes: np.ndarray | None) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
         """Return actions (n, m) and diagnostics; only `lanes` act, if given."""
+        if lanes is not None and not len(lanes):
+            return np.zeros((self.n, *self._action_shape)), {}
         if lanes is None:
             actions, memory, diagnostics = self._call(
                 self._parameters, self._observations, self._memory, self._everyone
@@ -208,11 +254,10 @@ class LaneGroup:
         """Ask the controller; with a penalty, a lane whose controller fails acts with zero."""
         try:
             return self._checked_call(parameters, observations, memory, lanes)
-        except ControllerError:
-            if self._penalty is None:
-                raise
+        except ControllerError as error:
+            told = self._priced(error, str(error))
             if len(lanes) == 1:
-                self._failed[lanes] = True
+                self._failures[int(lanes[0])] = told
                 return np.zeros((1, *self._action_shape)), memory, {}
         # Which lane it was is seen by asking one at a time.
         parts = []
@@ -242,14 +287,15 @@ class LaneGroup:
             raise
         except Exception as error:
             raise ControllerError(
-                f"the controller raised {type(error).__name__}: {error}. {self._place(lanes[0])}"
+                f"the controller raised {type(error).__name__}: {error}{self._nearest(error)}. "
+                f"{self._place(lanes[0])}"
             ) from error
         actions = np.asarray(actions, dtype=np.float64)
         expected = (len(lanes), *self._action_shape)
         if actions.shape != expected:
             raise ControllerError(
                 f"the controller returned actions of shape {actions.shape}, expected {expected} "
-                "(lanes, action size)"
+                f"(lanes, action size). {self._place(lanes[0])}"
             )
         finite = np.isfinite(actions)
         if not finite.all():
@@ -259,6 +305,13 @@ class LaneGroup:
                 f"be finite. {self._place(lanes[row])}"
             )
         return actions, memory, diagnostics
+
+    def _nearest(self, error: Exception) -> str:
+        """Return which parameters there are, if a controller asked for one that there is not."""
+        name = error.args[0] if isinstance(error, KeyError) and error.args else None
+        if not isinstance(name, str) or name in self._parameter_names:
+            return ""
+        return f" (no parameter has this name; {suggest(name, self._parameter_names)})"
 
     def _place(self, lane: int) -> str:
         """Say for an error message where a lane stands."""
@@ -275,6 +328,8 @@ class LaneGroup:
             "memory": {name: deepcopy(value[lane]) for name, value in self._memory.items()},
             "steps": int(self._steps[lane]),
             "needs_reset": bool(self._needs_reset[lane]),
+            "first_seed": self._first_seeds[lane],
+            "restarts": int(self._restarts[lane]),
         }
 
     def _put_back(self, lane: int, snapshot: Mapping[str, Any]) -> None:
@@ -284,23 +339,24 @@ class LaneGroup:
         self._set_memory(lane, snapshot["memory"])
         self._steps[lane] = snapshot["steps"]
         self._needs_reset[lane] = snapshot["needs_reset"]
+        self._first_seeds[lane] = snapshot["first_seed"]
+        self._restarts[lane] = snapshot["restarts"]
 
     def state(self) -> dict[int, Any]:
         """Return a picklable copy of every lane's state, by lane id."""
-        return {
-            lane_id: {**self._snapshot(row), "first_seed": self._first_seeds[row]}
-            for lane_id, row in self._row_of.items()
-        }
+        return {lane_id: self._snapshot(row) for lane_id, row in self._row_of.items()}
 
     def restore(self, state: Mapping[int, Any]) -> None:
         """Put back the lanes of `state` that belong to this group; others are left out."""
         for lane_id, row in self._row_of.items():
             self._put_back(row, state[lane_id])
-            self._first_seeds[row] = state[lane_id]["first_seed"]
 
     def close(self) -> None:
         """Release the environment."""
         self._env.close()
+
+
+REMEDY = "With failure_penalty=<cost>, such a step ends its episode at that cost instead of the run"
 
 
 def _joined(

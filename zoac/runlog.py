@@ -164,6 +164,8 @@ class Console:
         """Show progress."""
         if self._first is None:
             self._first = (row["wall_seconds"], row["env_steps"])
+        if "first_failure" in row:
+            self._print(f"  the first step that failed, priced: {row['first_failure']}")
         if row["kind"] == "eval":
             what = "final" if row["final"] else "evaluation"
             ended = f", {row['terminations']} terminated" if row["terminations"] else ""
@@ -182,6 +184,8 @@ class Console:
         if (gate := result.get("gate")) is not None:
             verdict = "the answer beats" if gate["accepted"] else "no better was found, it is"
             self._print(f"  gate: {verdict} the start values, {gate['pairs']} pairs of episodes")
+        if result.get("failures"):
+            self._print(f"  failures: {result['failures']}, the first: {result['first_failure']}")
         for name, broken in result.get("violations_by_constraint", {}).items():
             episodes = f"{broken['episodes']} of {len(result['cost_per_episode'])} episodes"
             self._print(f"  constraint {name}: broken in {episodes}")

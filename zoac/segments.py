@@ -47,6 +47,8 @@ class Segment:
         truncated: The episode was cut at its time limit: what follows would have cost more.
         starts_episode: The first observation is the start of an episode.
         diagnostics: The controller's, by name, T rows each.
+        failure: Why the last step failed, if controller or environment did: that step costs the
+            task's `failure_penalty` and was not measured.
     """
 
     proposal: Proposal
@@ -57,11 +59,26 @@ class Segment:
     truncated: bool
     starts_episode: bool
     diagnostics: Mapping[str, np.ndarray] = field(default_factory=dict)
+    failure: str | None = None
 
     @property
     def length(self) -> int:
         """Number of steps T."""
         return len(self.costs)
+
+    def measured(self) -> Segment:
+        """Return the segment without the step that failed, if one did."""
+        if self.failure is None:
+            return self
+        return replace(
+            self,
+            observations=self.observations[:-1],
+            actions=self.actions[:-1],
+            costs=self.costs[:-1],
+            diagnostics={name: rows[:-1] for name, rows in self.diagnostics.items()},
+            terminated=False,
+            failure=None,
+        )
 
     def with_costs(self, costs: np.ndarray) -> Segment:
         """Return the same segment with other costs (T,)."""

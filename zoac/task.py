@@ -61,7 +61,7 @@ RESERVED = frozenset({
     "format", "task", "tuner", "seed", "variant", "config_hash", "kind", "final", "z", "parameters",
     "env_steps", "cost_mean", "cost_std", "cost_per_episode", "episode_lengths", "terminations",
     "violations", "violations_by_constraint", "lane_restarts", "tuning_terminations",
-    "start_cost_mean", "gate", *CLOCKS,
+    "start_cost_mean", "gate", "failures", "first_failure", *CLOCKS,
 })  # fmt: skip
 """Keys of evaluation rows and of `result.json`, which no metric may take. `solver_failures` is
 free: a metric of that name counts an evaluation's, `result.json` those of the whole run."""
@@ -188,8 +188,9 @@ class Task(ABC):
     fixed: Mapping[str, float] = {}
     """Parameters that the controller has beside those in `space`, by name."""
     failure_penalty: float | None = None
-    """Cost of a step at which the controller raises, or acts with what is not finite or of the
-    wrong shape; it ends the episode. None: such a controller ends the run, with a message."""
+    """Cost of a step that fails, which ends its episode: the controller raises, or acts with what
+    is not finite or of the wrong shape; or the environment raises, or returns an observation or a
+    cost that is not finite. None: such a step ends the run, with a message."""
     nominal: Mapping[str, Any] | None = None
     """Reference parameters that are not tuned, for tasks that have them."""
     tuned_for: Mapping[str, Mapping[str, Any]] = {}

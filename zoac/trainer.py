@@ -16,6 +16,7 @@ from pydantic import Field
 
 from zoac.checkpoint import unfit
 from zoac.constraints import FeasibilityFirst
+from zoac.errors import NothingWorksError
 from zoac.evaluation import evaluation_proposals, evaluation_row
 from zoac.executor import Executor
 from zoac.numbers import Count, Natural, NonNegative, Share
@@ -81,6 +82,10 @@ class Progress:
     solver_failures: int = 0
     lane_restarts: int = 0
     terminations: int = 0
+    segments: int = 0
+    failed_segments: int = 0
+    failures: int = 0
+    first_failure: str | None = None
     log_bytes: int = field(default=0)
 
 
@@ -142,7 +147,7 @@ class Trainer:
         progress = self.progress
         progress.iteration += 1
         progress.env_steps += sum(s.length for s in segments)
-        self._account(segments)
+        failure = self._account(segments)
         seen = [s.with_costs(self._task.tuning_costs(s)) for s in segments]
         seen = self._constraints.told(segments, seen)
         with self._timed("tuner_seconds"):
@@ -153,8 +158,18 @@ class Trainer:
         self._log.row(
             "train",
             self._stamp(iteration=progress.iteration),
-            {"step_cost_mean": float(costs.mean()), "terminations": terminations, **metrics},
+            {
+                "step_cost_mean": float(costs.mean()),
+                "terminations": terminations,
+                **failure,
+                **metrics,
+            },
         )
+        progress.segments += len(segments)
+        progress.failed_segments += sum(s.failure is not None for s in segments)
+        # Segments have one step or more, so that many failures are as many first steps.
+        if progress.failed_segments == progress.env_steps >= HOPELESS:
+            self._refuse("at its first step")
 
     def _meanwhile(self) -> None:
         with self._timed("tuner_seconds"):
@@ -178,14 +193,29 @@ class Trainer:
         # What the tuner did beside it is the tuner's.
         self.progress.evaluation_seconds -= self.progress.tuner_seconds - tuner_seconds
         row = evaluation_row(segments, self._task.metrics, self._task.constraints)
-        self._account(segments)
+        row |= self._account(segments)
         row = {**row, "parameters": self._task.space.named(z), "z": z.tolist(), "final": final}
         self._log.row("eval", self._stamp(compute_seconds=self._compute_seconds()), row)
         return row
 
+    def _refuse(self, when: str) -> None:
+        """End a run in which every segment failed.
+
+        Raises:
+            NothingWorksError: Always.
+        """
+        progress = self.progress
+        raise NothingWorksError(
+            f"each of the {progress.segments} episodes so far failed {when}, so there is nothing "
+            f"to tune on. The first: {progress.first_failure}"
+        )
+
     def _finish(self) -> dict[str, Any]:
+        if 0 < self.progress.segments == self.progress.failed_segments:
+            self._refuse("before it ended")
         final = self._evaluate(self._settings.final_episodes, final=True)
         del final["final"]
+        final.pop("first_failure", None)
         start = self._start_cost()
         progress = asdict(self.progress)
         result = {
@@ -197,6 +227,8 @@ class Trainer:
             "solver_failures": progress["solver_failures"],
             "lane_restarts": progress["lane_restarts"],
             "tuning_terminations": progress["terminations"],
+            "failures": progress["failures"],
+            "first_failure": progress["first_failure"],
             **start,
             **self._tuner.outcome(),
         }
@@ -213,14 +245,24 @@ class Trainer:
             segments = self._executor.evaluate(proposals)
         return {"start_cost_mean": float(np.mean([s.costs.sum() for s in segments]))}
 
-    def _account(self, segments: list[Segment]) -> None:
-        """Add up what the controllers report of their solvers, tuning and evaluation alike."""
+    def _account(self, segments: list[Segment]) -> dict[str, str]:
+        """Add up failures and what controllers report of solvers, tuning and evaluation alike.
+
+        Returns:
+            `first_failure`, for the row, if the run's first is among them.
+        """
+        failures = [s.failure for s in segments if s.failure is not None]
+        self.progress.failures += len(failures)
+        first = {}
+        if failures and self.progress.first_failure is None:
+            self.progress.first_failure = first["first_failure"] = failures[0]
         for segment in segments:
             diagnostics = segment.diagnostics
             if "solver_seconds" in diagnostics:
                 self.progress.solver_seconds += float(diagnostics["solver_seconds"].sum())
             if "solver_failed" in diagnostics:
                 self.progress.solver_failures += int(diagnostics["solver_failed"].sum())
+        return first
 
     @contextmanager
     def _timed(self, counter: str) -> Iterator[None]:
@@ -293,5 +335,9 @@ class Trainer:
         self._executor.close()
         self._executor.start(self._task, settings.lanes, seed)
 
+
+HOPELESS = 10
+"""Episodes after which a run whose every episode failed at its first step ends: no parameters
+would help, or something is misspelt."""
 
 _PARTS = ("solver", "tuner", "evaluation", "checkpoint")
