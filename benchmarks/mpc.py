@@ -28,6 +28,7 @@ from zoac.mpc.policy import MpcOptions
 from zoac.mpc.solvers.base import LinearisedProblem, Solution
 from zoac.mpc.solvers.clarabel_qp import _STEP_FRACTIONS, ClarabelSolver
 from zoac.mpc.solvers.riccati import Riccati
+from zoac.mpc.solvers.scaling import units
 from zoac.mpc.solvers.statement import Layout, state_problem, write_parameters
 from zoac.seeding import stream
 from zoac.tasks.mpc_tracking import MpcTrackingLanes, TrackingMpc
@@ -115,7 +116,7 @@ def problem_solve(problem: LinearisedProblem) -> Callable[[LinearisedProblem], N
     }
 
     def solve(problem: LinearisedProblem) -> None:
-        write_parameters(problem, layout, dynamics, weights)
+        write_parameters(problem, layout, units(problem), dynamics, weights)
         statement.dynamics.value, statement.weights.value = dynamics[0], weights[0]
         statement.problem.solve(solver=cp.CLARABEL, warm_start=True, **settings)
 

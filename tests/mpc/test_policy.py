@@ -6,11 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from zoac.errors import ConfigError
 from zoac.mpc.policy import MOST_LINEARISATIONS, MpcOptions, Objective, Plan, SequentialQp
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Sparsity, Status
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
+from zoac.mpc.solvers.riccati import Riccati
 
 HORIZON = 3
 
@@ -199,3 +201,56 @@ def test_a_model_that_is_less_sparse_than_it_says_is_told_so(a, b, named, monkey
     with pytest.raises(ConfigError) as caught:
         search(Scripted(always(Status.SOLVED)), start=(0.0, 0.0))
     assert named in str(caught.value)
+
+
+class Bounded(Pendulum):
+    """The pendulum with a second, weak torque, and the bounds that a test gives."""
+
+    sparsity = Sparsity(a=np.ones((2, 2), bool), b=np.array([[0, 0], [1, 1]], bool))
+
+    def __init__(self, low, high, unit: float = 1.0) -> None:
+        self.input_low, self.input_high = np.array(low) * unit, np.array(high) * unit
+        self._gain = np.array([1.0, 0.5]) / unit
+
+    def linearise(self, theta, start, inputs):
+        torque = (inputs * self._gain).sum(axis=2, keepdims=True)
+        states, a, b = super().linearise(theta, start, torque)
+        return states, a, b * self._gain
+
+
+@pytest.mark.parametrize("solver", [ClarabelSolver, Riccati])
+@pytest.mark.parametrize("unit", [1.0, 1e-6, 1e6])
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [
+        pytest.param((-np.inf, -np.inf), (np.inf, np.inf), id="free"),
+        pytest.param((-0.2, -np.inf), (np.inf, 0.1), id="one-sided"),
+        pytest.param((0.1, -np.inf), (0.1, np.inf), id="fixed and free"),
+        pytest.param((0.0, -1.0), (0.0, 1.0), id="fixed and boxed"),
+    ],
+)
+def test_until_converged_is_the_nonlinear_optimum_whatever_the_bounds(
+    solver, low, high, unit
+) -> None:
+    """Against SciPy on the nonlinear problem itself; inputs in units, milli- and megaunits."""
+    model, horizon = Bounded(low, high, unit), 8
+    objective = Objective(
+        np.zeros((1, horizon, 2)),
+        np.ones((1, horizon, 2)),
+        np.full((1, horizon, 2), 0.1) / unit**2,
+    )
+    start, theta = np.array([[2.5, 0.0]]), np.full((1, 1), 0.4)
+    guess = np.tile(np.clip(0.0, model.input_low, model.input_high), (1, horizon, 1))
+    plan = SequentialQp(model, solver(), "converged").plan(theta, start, objective, guess)
+    assert plan.status == [Status.SOLVED]
+    assert plan.linearisations < MOST_LINEARISATIONS
+
+    def residuals(inputs):
+        inputs = inputs.reshape(1, horizon, 2) * unit
+        states, _, _ = model.linearise(theta, start, inputs)
+        return np.concatenate([states[0, 1:].ravel(), np.sqrt(0.1) / unit * inputs[0].ravel()])
+
+    wide = np.tile(np.array(low), horizon), np.tile(np.array(high) + 1e-9, horizon)
+    at = np.clip(plan.inputs[0].ravel() / unit, *wide)
+    best = least_squares(residuals, at, bounds=wide, xtol=1e-15, ftol=1e-15, gtol=1e-12)
+    np.testing.assert_allclose(plan.inputs[0].ravel() / unit, best.x, atol=1e-5)

@@ -17,12 +17,14 @@ from numba import njit
 
 from zoac.errors import ConfigError, suggest
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Solver, Sparsity, Status
+from zoac.mpc.solvers.scaling import units
 from zoac.numbers import Count
 
 About = Literal["zero_input", "shifted_plan"]
 
 CONVERGED = 1e-9
-"""A plan has converged when no input changes by more than this part of its range."""
+"""A plan has converged when no input changes by more than this part of its range. For an input
+without two bounds: of the plan's magnitude, or of what undoes the rollout's errors if larger."""
 
 MOST_LINEARISATIONS = 50
 """Limit on `linearisations: converged`."""
@@ -171,7 +173,8 @@ class SequentialQp:
                 zero = np.clip(0.0, problem.input_low, problem.input_high)
                 after = np.where(ends[:, None, None], zero if posed == 1 else before, after)
             if self._until_converged:
-                stands = (np.abs(after - before) <= CONVERGED * self._range).all((1, 2))
+                change = np.abs(after - before)
+                stands = (change <= CONVERGED * self._scale(problem, after)).all((1, 2))
                 ends = stands if ends is None else ends | stands
             if posed < self._limit and (ends is None or not ends.any()):
                 before = after
@@ -186,6 +189,14 @@ class SequentialQp:
                 objective.reference[on], objective.state_weights[on], objective.input_weights[on]
             )
         return Plan(inputs, status, retried, count, seconds)
+
+    def _scale(self, problem: LinearisedProblem, plan: np.ndarray) -> np.ndarray:
+        """Return what a change of each input is measured by, (n, 1, nu) or (nu,)."""
+        boxed = np.isfinite(self._range)
+        if boxed.all():
+            return self._range
+        size = np.maximum(np.abs(plan).max(axis=1), units(problem, always=True).inputs)
+        return np.where(boxed, self._range, size)[:, None]
 
     def _linearise(
         self, theta: np.ndarray, start: np.ndarray, objective: Objective, inputs: np.ndarray

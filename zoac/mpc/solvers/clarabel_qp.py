@@ -18,7 +18,9 @@ import scipy.sparse as sparse
 from numba import njit
 
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
-from zoac.mpc.solvers.statement import Layout, input_units, state_problem, write_parameters
+from zoac.mpc.solvers.certificate import certified
+from zoac.mpc.solvers.scaling import Units, units
+from zoac.mpc.solvers.statement import Layout, state_problem, write_parameters
 from zoac.numbers import Count, Share
 
 _STATUS = {
@@ -78,7 +80,8 @@ class ClarabelSolver:
         plans = np.empty((n, nu, horizon))
         status = np.empty(n, dtype=np.int8)
         iterations = np.zeros(n, dtype=np.int64)
-        for lane, numbers in enumerate(form.data(problem)):
+        scale = units(problem, always=careful)
+        for lane, numbers in enumerate(form.data(problem, scale)):
             for solver in self._attempts(form, numbers, prepared, careful):
                 answer = solver.solve()
                 iterations[lane] += answer.iterations
@@ -86,9 +89,9 @@ class ClarabelSolver:
                 if status[lane] == Status.SOLVED:
                     break
             plans[lane].flat = answer.x[form.inputs]
-        inputs = np.ascontiguousarray(plans.transpose(0, 2, 1)) * input_units(problem)
+        inputs = np.ascontiguousarray(plans.transpose(0, 2, 1)) * scale.inputs[:, None]
         np.clip(inputs, problem.input_low, problem.input_high, out=inputs)
-        return Solution(inputs, status, iterations)
+        return certified(problem, Solution(inputs, status, iterations))
 
     def _attempts(
         self, form: _CanonicalForm, numbers: np.ndarray, prepared: list[Any], careful: bool
@@ -161,12 +164,11 @@ class _CanonicalForm:
         self.inputs = slice(first, first + layout.horizon * layout.nu)
         """Where the inputs stand in x: component by component, each over the horizon."""
 
-    def data(self, problem: LinearisedProblem) -> np.ndarray:
+    def data(self, problem: LinearisedProblem, scale: Units) -> np.ndarray:
         """Return the nonzeros of P, those of A, and b, in one row for each of the n problems."""
         parameters = np.ones((len(problem.a), self._map.shape[1]))
-        write_parameters(
-            problem, self._layout, parameters[:, self._dynamics], parameters[:, self._weights]
-        )
+        dynamics, weights = parameters[:, self._dynamics], parameters[:, self._weights]
+        write_parameters(problem, self._layout, scale, dynamics, weights)
         return self._product(parameters)
 
     def split(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,13 +9,9 @@ import cvxpy as cp
 import numpy as np
 
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
-from zoac.mpc.solvers.statement import (
-    Layout,
-    Statement,
-    input_units,
-    state_problem,
-    write_parameters,
-)
+from zoac.mpc.solvers.certificate import certified
+from zoac.mpc.solvers.scaling import units
+from zoac.mpc.solvers.statement import Layout, Statement, state_problem, write_parameters
 from zoac.numbers import Count, Share
 
 _STATUS = {
@@ -59,7 +55,8 @@ class CvxpySolver:
         iterations = np.zeros(len(inputs), dtype=np.int64)
         dynamics = np.empty((len(inputs), layout.dynamics_size))
         weights = np.empty((len(inputs), layout.weights_size))
-        write_parameters(problem, layout, dynamics, weights)
+        scale = units(problem, always=careful)
+        write_parameters(problem, layout, scale, dynamics, weights)
         for lane in range(len(inputs)):
             statement.dynamics.value = dynamics[lane]
             statement.weights.value = weights[lane]
@@ -67,9 +64,9 @@ class CvxpySolver:
             if status[lane] != Status.NUMERICAL_FAILURE:
                 inputs[lane] = statement.inputs.value
                 iterations[lane] = statement.problem.solver_stats.num_iters
-        inputs *= input_units(problem)
+        inputs *= scale.inputs[:, None]
         np.clip(inputs, problem.input_low, problem.input_high, out=inputs)
-        return Solution(inputs, status, iterations)
+        return certified(problem, Solution(inputs, status, iterations))
 
     def _solve_one(self, problem: cp.Problem, careful: bool) -> Status:
         tolerances = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), self.tolerance)

@@ -12,10 +12,10 @@ with the gap g_k = states_{k+1} + a_k (reference_k - states_k) - b_k inputs_k - 
 (the term with a_0 vanishes, since x_0 = states_0). Errors rather than states keep the objective
 diagonal and linear in the weights, so that a new problem is only new numbers (DPP).
 
-The numbers are scaled, problem by problem: inputs so that a bounded one's box has a half-width of
-1 (`input_units`), the objective so that the rollout costs about 1,000. An interior-point method
-begins at slacks of about 1 whatever the numbers; scaled so, it needs a fifth fewer iterations in
-closed loop, and its plans are no less accurate.
+The numbers are scaled, problem by problem: states, inputs and cost by their units
+(`zoac.mpc.solvers.scaling`), the objective then so that the rollout costs about 1,000. An
+interior-point method begins at slacks of about 1 whatever the numbers; scaled so, it needs a fifth
+fewer iterations in closed loop, and its plans are no less accurate.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ import numpy as np
 from numba import njit
 
 from zoac.mpc.solvers.base import LinearisedProblem
+from zoac.mpc.solvers.scaling import Units
 
 _ROLLOUT_COST = 1e3
 _OBJECTIVE_SCALES = 0.1, 100.0  # beyond, the tolerances would mean too little or ask too much
@@ -98,7 +99,7 @@ class Statement:
             k = 0..N-1, each component of the gap over k, then low and high.
         weights: Flat nonnegative parameter: w (N, nx), then r (N, nu), component by component.
         errors: Variable (N, nx).
-        inputs: Variable (N, nu), in `input_units`.
+        inputs: Variable (N, nu).
     """
 
     problem: cp.Problem
@@ -163,17 +164,14 @@ class _Slices:
         return piece if shape is None else cp.reshape(piece, shape, order="F")
 
 
-def input_units(problem: LinearisedProblem) -> np.ndarray:
-    """Return (nu,): half the width of each input's box, 1 where that is zero or infinite."""
-    half = 0.5 * (problem.input_high - problem.input_low)
-    return np.where((half > 0) & np.isfinite(half), half, 1.0)
-
-
 def write_parameters(
-    problem: LinearisedProblem, layout: Layout, dynamics: np.ndarray, weights: np.ndarray
+    problem: LinearisedProblem,
+    layout: Layout,
+    units: Units,
+    dynamics: np.ndarray,
+    weights: np.ndarray,
 ) -> None:
-    """Write each problem's values of the parameters into `dynamics` and `weights`, n rows each."""
-    units = input_units(problem)
+    """Write each problem's parameters, in `units`, into `dynamics` and `weights`, n rows each."""
     a_entries, b_entries = _entries(layout)
     _write(
         a_entries,
@@ -185,9 +183,11 @@ def write_parameters(
         problem.reference,
         problem.state_weights,
         problem.input_weights,
-        np.where(layout.low, problem.input_low / units, 0.0),
-        np.where(layout.high, problem.input_high / units, 0.0),
-        units,
+        np.where(layout.low, problem.input_low, 0.0),
+        np.where(layout.high, problem.input_high, 0.0),
+        units.states,
+        units.inputs,
+        units.cost,
         dynamics,
         weights,
     )
@@ -212,7 +212,9 @@ def _write(
     input_weights: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
-    units: np.ndarray,
+    state_units: np.ndarray,
+    input_units: np.ndarray,
+    cost_units: np.ndarray,
     dynamics: np.ndarray,
     weights: np.ndarray,
 ) -> None:
@@ -221,34 +223,35 @@ def _write(
     for lane in range(n):
         to = 0
         cost = 0.0
+        x_unit, u_unit = state_units[lane], input_units[lane]
         for i in range(nx):
             for k in range(horizon):
-                error = states[lane, k + 1, i] - reference[lane, k, i]
+                error = (states[lane, k + 1, i] - reference[lane, k, i]) / x_unit[i]
+                weight = state_weights[lane, k, i] * x_unit[i] ** 2 / cost_units[lane]
                 dynamics[lane, gap + i * horizon + k] = error
-                weights[lane, i * horizon + k] = state_weights[lane, k, i]
-                cost += state_weights[lane, k, i] * error * error
+                weights[lane, i * horizon + k] = weight
+                cost += weight * error * error
         for entry in range(len(a_entries)):
             i, j = a_entries[entry, 0], a_entries[entry, 1]
             for k in range(1, horizon):
-                value = a[lane, k, i, j]
+                value = a[lane, k, i, j] * (x_unit[j] / x_unit[i])
                 dynamics[lane, to] = value
                 to += 1
-                dynamics[lane, gap + i * horizon + k] += value * (
-                    reference[lane, k - 1, j] - states[lane, k, j]
-                )
+                before = (reference[lane, k - 1, j] - states[lane, k, j]) / x_unit[j]
+                dynamics[lane, gap + i * horizon + k] += value * before
         for entry in range(len(b_entries)):
             i, j = b_entries[entry, 0], b_entries[entry, 1]
             for k in range(horizon):
-                value = b[lane, k, i, j]
-                dynamics[lane, to] = value * units[j]
+                value = b[lane, k, i, j] / x_unit[i]
+                dynamics[lane, to] = value * u_unit[j]
                 to += 1
                 dynamics[lane, gap + i * horizon + k] -= value * inputs[lane, k, j]
         to += nx * horizon
         for j in range(nu):
-            dynamics[lane, to + j] = low[j]
-            dynamics[lane, to + nu + j] = high[j]
+            dynamics[lane, to + j] = low[j] / u_unit[j]
+            dynamics[lane, to + nu + j] = high[j] / u_unit[j]
             for k in range(horizon):
-                weight = input_weights[lane, k, j]
-                weights[lane, (nx + j) * horizon + k] = weight * units[j] * units[j]
+                weight = input_weights[lane, k, j] / cost_units[lane]
+                weights[lane, (nx + j) * horizon + k] = weight * u_unit[j] * u_unit[j]
                 cost += weight * inputs[lane, k, j] * inputs[lane, k, j]
         weights[lane] *= min(max(_ROLLOUT_COST / cost, _OBJECTIVE_SCALES[0]), _OBJECTIVE_SCALES[1])

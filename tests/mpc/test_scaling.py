@@ -1,0 +1,154 @@
+"""Problems in odd units: the same plan, or no claim that it is one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.mpc.problems import box_points, dense_problems, objective, tracking_problems
+from tests.riccati.problems import cart_poles, quadrotors
+from zoac.mpc.policy import _Attempt
+from zoac.mpc.solvers import clarabel_qp
+from zoac.mpc.solvers.base import LinearisedProblem, Status
+from zoac.mpc.solvers.certificate import is_optimal
+from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
+from zoac.mpc.solvers.cvxpy_qp import CvxpySolver
+from zoac.mpc.solvers.riccati import Riccati
+from zoac.mpc.solvers.scaling import units
+
+SOLVERS = [ClarabelSolver, CvxpySolver, Riccati]
+
+
+def double_integrator(s: float, horizon: int = 25) -> LinearisedProblem:
+    """Return a double integrator whose position is measured in 1/s metres."""
+    a, b = np.array([[1.0, 0.1 * s], [0.0, 1.0]]), np.array([[0.005 * s], [0.1]])
+    states = np.tile([0.1 * s, 0.0], (1, horizon + 1, 1))
+    return LinearisedProblem(
+        states=states,
+        inputs=np.zeros((1, horizon, 1)),
+        a=np.tile(a, (1, horizon, 1, 1)),
+        b=np.tile(b, (1, horizon, 1, 1)),
+        reference=np.zeros((1, horizon, 2)),
+        state_weights=np.tile([s**-2.0, 1.0], (1, horizon, 1)),
+        input_weights=np.full((1, horizon, 1), 0.1),
+        input_low=np.array([-1.0]),
+        input_high=np.array([1.0]),
+    )
+
+
+def in_units(problem: LinearisedProblem, x: np.ndarray, u: np.ndarray, cost: float = 1.0):
+    """Return the same problem with states, inputs and cost multiplied by these factors."""
+    return replace(
+        problem,
+        states=problem.states * x,
+        inputs=problem.inputs * u,
+        a=problem.a * x[:, None] / x,
+        b=problem.b * x[:, None] / u,
+        reference=problem.reference * x,
+        state_weights=problem.state_weights / x**2 * cost,
+        input_weights=problem.input_weights / u**2 * cost,
+        input_low=problem.input_low * u,
+        input_high=problem.input_high * u,
+    )
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("exponent", range(-8, 9, 2))
+def test_the_unit_of_a_state_does_not_change_the_plan(solver, exponent: int) -> None:
+    plain = Riccati().solve(double_integrator(1.0)).inputs
+    solution = solver().solve(double_integrator(10.0**exponent))
+    assert solution.status == [Status.SOLVED]
+    np.testing.assert_allclose(solution.inputs, plain, atol=1e-6)
+
+
+@pytest.mark.parametrize("bounds", ["box", "free"])
+@pytest.mark.parametrize("exponent", [2, 5, 8])
+@pytest.mark.parametrize(
+    "problem",
+    [
+        pytest.param(quadrotors(20, 5, 0), id="quadrotor"),
+        pytest.param(cart_poles(20, 5, 1), id="cart-pole"),
+        pytest.param(dense_problems(5, 7, 3, 3, 2), id="dense"),
+    ],
+)
+def test_mixed_units_do_not_change_the_cost(problem, exponent: int, bounds: str) -> None:
+    """Each state, each input and the cost in a unit of its own, as micrometres beside megawatts."""
+    rng = np.random.default_rng(exponent)
+    nx, nu = problem.b.shape[2:]
+    if bounds == "free":
+        no = np.full(nu, np.inf)
+        problem = replace(problem, input_low=-no, input_high=no)
+    x, u = (10.0 ** rng.uniform(-exponent, exponent, size) for size in (nx, nu))
+    answer = _Attempt(ClarabelSolver(), in_units(problem, x, u, 10.0**-exponent))
+    np.testing.assert_array_equal(answer.status, Status.SOLVED)
+    least = objective(problem, Riccati().solve(problem).inputs)
+    np.testing.assert_allclose(objective(problem, answer.inputs / u), least, rtol=1e-6)
+
+
+def test_well_scaled_problems_are_solved_as_they_stand() -> None:
+    found = units(tracking_problems(box_points(2000, 0), 0))
+    assert (found.states == 1.0).all()
+    assert (found.cost == 1.0).all()
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize(
+    "problem",
+    [
+        pytest.param(tracking_problems(box_points(30, 3), 3), id="vehicle"),
+        pytest.param(quadrotors(20, 10, 4), id="quadrotor"),
+        pytest.param(double_integrator(1e8), id="badly scaled"),
+    ],
+)
+def test_what_is_said_to_be_solved_is_proven(solver, problem) -> None:
+    solution = solver().solve(problem)
+    assert (solution.status == Status.SOLVED).all()
+    assert is_optimal(problem, solution.inputs).all()
+
+
+def test_a_plan_beside_the_optimum_is_not_proven() -> None:
+    problem = tracking_problems(box_points(200, 5), 5)
+    plans = Riccati().solve(problem).inputs
+    middle = 0.5 * (problem.input_low + problem.input_high)
+    off = plans + 0.05 * (middle - plans)
+    least, cost = objective(problem, plans), objective(problem, off)
+    clearly = cost > 1.001 * least
+    assert clearly.sum() > 100
+    assert not is_optimal(problem, off)[clearly].any()
+
+
+def test_a_plan_at_rest_is_proven_in_spite_of_rounding() -> None:
+    problem = double_integrator(1.0)
+    at_rest = replace(problem, states=np.zeros_like(problem.states))
+    assert is_optimal(at_rest, np.full_like(problem.inputs, 1e-9)).all()
+    assert not is_optimal(at_rest, np.full_like(problem.inputs, 1e-3)).any()
+
+
+def test_a_plan_that_is_not_a_number_is_not_proven() -> None:
+    problem = double_integrator(1.0)
+    for wrong in (np.nan, np.inf):
+        assert not is_optimal(problem, np.full_like(problem.inputs, wrong)).any()
+    assert not is_optimal(replace(problem, states=problem.states * 1e200), problem.inputs).any()
+
+
+@pytest.mark.parametrize("solver", [ClarabelSolver, CvxpySolver])
+def test_a_plan_without_proof_is_not_said_to_be_solved(solver) -> None:
+    """So coarse a tolerance lets the library stop far from the optimum and call it solved."""
+    answer = _Attempt(solver(tolerance=0.5), tracking_problems(box_points(10, 5), 5))
+    assert answer.retried.any()
+    assert (answer.status == Status.INACCURATE).any()
+
+
+def test_a_bad_fast_solve_leads_to_a_careful_one(monkeypatch) -> None:
+    """Without units the fast way ends three quarters of the input's range off, and says solved."""
+    problem = double_integrator(1e8)
+    plain = double_integrator(1.0)
+    monkeypatch.setattr(
+        clarabel_qp, "units", lambda p, always: units(p, always) if always else units(plain)
+    )
+    answer = _Attempt(ClarabelSolver(), problem)
+    assert answer.retried.tolist() == [True]
+    assert answer.status == [Status.SOLVED]
+    np.testing.assert_allclose(answer.inputs, Riccati().solve(plain).inputs, atol=1e-6)
