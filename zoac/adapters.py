@@ -15,6 +15,7 @@ import numpy as np
 from zoac.checks import locate
 from zoac.errors import ConfigError
 from zoac.gymnasium_lanes import Bounds, GymnasiumLanes, env_action
+from zoac.objective import Objective
 from zoac.parameters import Parameter, ParameterSpace, choice
 from zoac.task import Constraint, Controller, Diagnostics, Memory, Metric, Parameters, Task
 
@@ -111,6 +112,7 @@ class UserTask(Task):
         constraints: Sequence[Constraint] = (),
         plant: Mapping[str, float] | None = None,
         vary: Mapping[str, Bounds] | None = None,
+        objective: str = "auto",
     ) -> None:
         """
         Args:
@@ -125,17 +127,26 @@ class UserTask(Task):
             constraints: What must hold at every step.
             plant: See `GymnasiumLanes`.
             vary: See `GymnasiumLanes`.
+            objective: See `zoac.objective.Objective`.
         """
         self._env, self._controller, self.fixed = env, controller, dict(fixed or {})
         self.space, self.metrics, self.constraints = space, tuple(metrics), tuple(constraints)
         self.nominal = dict(start) if start is not None else None
         self._max_episode_steps = max_episode_steps
         self._plant, self._vary = dict(plant or {}), dict(vary or {})
+        self._objective, self.objective = objective, str(Objective(objective))
 
     def make_env(self, n: int) -> GymnasiumLanes:
         """Return `n` environments as lanes."""
         envs = [self._one_env() for _ in range(n)]
-        return GymnasiumLanes(envs, self._max_episode_steps, self._plant, self._vary, self._one_env)
+        return GymnasiumLanes(
+            envs,
+            self._max_episode_steps,
+            self._plant,
+            self._vary,
+            make=self._one_env,
+            objective=self._objective,
+        )
 
     def _one_env(self) -> gymnasium.Env:
         if isinstance(self._env, str):
@@ -179,6 +190,7 @@ def user_task(
     max_episode_steps: int | None = None,
     plant: Mapping[str, float] | None = None,
     vary: Mapping[str, Bounds] | None = None,
+    objective: str = "auto",
 ) -> UserTask:
     """Return a task from what a user has; `_target_: zoac.adapters.user_task` in a YAML file.
 
@@ -196,6 +208,9 @@ def user_task(
         plant: Attributes of the innermost environment, and the numbers they are set to before
             every reset.
         vary: Likewise, and the range from which every episode draws.
+        objective: What is minimised: "reward", its negative; "cost", `info["cost"]`; "info:<key>",
+            another number of info; "auto", the negative reward unless `info["cost"]` differs from
+            it, which is refused.
 
     Raises:
         ConfigError: If any of them cannot be used.
@@ -230,6 +245,7 @@ def user_task(
         _named(constraints, Constraint, "constraints"),
         plant,
         vary,
+        objective,
     )
 
 

@@ -64,6 +64,7 @@ def tune(
     max_episode_steps: int | None = None,
     plant: Mapping[str, float] | None = None,
     vary: Mapping[str, Bounds] | None = None,
+    objective: str = "auto",
     trust: float | None = None,
     gate: float | None = None,
     scout: int | None = None,
@@ -84,8 +85,7 @@ def tune(
 
     Args:
         task: A `Task`, or the name of a built-in one; else give `env`, `controller` and `space`.
-        env: A Gymnasium id, a function that makes an environment, or an environment. Its cost is
-            `info["cost"]` if there is one, else the negative reward.
+        env: A Gymnasium id, a function that makes an environment, or an environment.
         controller: `act(params, obs)`, or an object with such a method that may remember things
             and begins an episode in `reset()`; params is {name: number}, obs an array.
         space: Bounds by name: `(low, high)`, `(low, high, "log")`, a dict with `low`, `high`,
@@ -103,6 +103,9 @@ def tune(
         plant: Numbers of the environment to set, by attribute: `{"m": 1.2}`.
         vary: Ranges from which every episode, of tuning and evaluation, draws such numbers:
             `{"m": (0.8, 1.2)}`.
+        objective: What is minimised: "reward", its negative; "cost", `info["cost"]`; "info:<key>",
+            another number of info; "auto", the negative reward unless `info["cost"]` differs from
+            it, which is refused.
         trust: How far the start values are trusted, from 0 (good ones may lie far away) to 1 (they
             are nearly right): sets how far the tuner searches around them.
         gate: Share of the budget, such as 0.2, for held-out episodes on which the answer must beat
@@ -138,6 +141,7 @@ def tune(
         "max_episode_steps": max_episode_steps,
         "plant": plant,
         "vary": vary,
+        "objective": objective,
     }
     the_task = _task(task, env, controller, space, options_of_task)
     built_in = [f"task={task}"] if isinstance(task, str) else []
@@ -201,6 +205,7 @@ def _task(
     if task is not None:
         given = {"env": env, "controller": controller, "space": space}
         given |= {name: value or None for name, value in options.items() if name != "start"}
+        given["objective"] = None if options["objective"] == "auto" else options["objective"]
         doubled = [name for name, value in given.items() if value is not None]
         if doubled:
             raise ConfigError(f"give either task or env, controller and space; not {doubled} too")
@@ -228,6 +233,7 @@ def _identity(
         "max_episode_steps": options["max_episode_steps"],
         "plant": dict(options["plant"] or {}),
         "vary": {name: list(bounds) for name, bounds in (options["vary"] or {}).items()},
+        "objective": options["objective"],
     }
     plain: dict[str, Any] = json.loads(json.dumps(told, default=records.plain))
     return {key: value for key, value in plain.items() if value or key == "fixed"}

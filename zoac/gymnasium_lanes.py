@@ -20,6 +20,7 @@ from zoac.errors import (
     ZoacError,
     suggest,
 )
+from zoac.objective import Objective
 from zoac.seeding import stream
 
 Bounds = tuple[float, float] | list[float]
@@ -32,7 +33,6 @@ unless told otherwise. An environment that never ends would never come back."""
 class GymnasiumLanes(LaneEnv):
     """n copies of a `gymnasium.Env`, stepped one after the other.
 
-    The cost of a step is `info["cost"]` if the environment gives one, else the negative reward.
     A lane is saved by a deep copy of its environment.
     """
 
@@ -43,6 +43,7 @@ class GymnasiumLanes(LaneEnv):
         plant: Mapping[str, float] | None = None,
         vary: Mapping[str, Bounds] | None = None,
         make: Callable[[], gymnasium.Env] | None = None,
+        objective: str = "auto",
     ) -> None:
         """
         Args:
@@ -53,6 +54,7 @@ class GymnasiumLanes(LaneEnv):
                 every reset.
             vary: Likewise, and the range (low, high) from which every episode draws uniformly.
             make: Makes an environment in place of one that raised; None: that one is reset.
+            objective: Which signal is the cost; see `zoac.objective.Objective`.
 
         Raises:
             ConfigError: If its spaces are of a kind that cannot be tuned on, or it has no such
@@ -79,7 +81,7 @@ class GymnasiumLanes(LaneEnv):
         super().__init__(len(envs), observations, actions, limit or np.iinfo(np.int64).max)
         self._unlimited = limit is None
         self._envs = list(envs)
-        self._make = make
+        self._make, self._objective = make, Objective(objective)
         self._plant = {name: float(value) for name, value in (plant or {}).items()}
         for env in self._envs:
             _set_plant(env, self._plant)
@@ -152,7 +154,7 @@ class GymnasiumLanes(LaneEnv):
                 result = self._call(lane, "step", action)
                 observation, reward, terminated[lane], cut, info = _parts(result, "step", _STEP)
                 self._see(lane, observation)
-                cost[lane] = _cost(reward, info)
+                cost[lane] = self._objective.cost(reward, info, int(self._steps[lane]))
             except EnvironmentFailure as failure:
                 failures[lane], terminated[lane] = failure, False
                 continue
@@ -279,21 +281,6 @@ def _range(name: str, bounds: Bounds) -> tuple[float, float]:
     if len(bounds) != 2 or not bounds[0] <= bounds[1]:
         raise ConfigError(f"vary.{name}={list(bounds)}: expected [low, high]")
     return float(bounds[0]), float(bounds[1])
-
-
-def _cost(reward: Any, info: Mapping[str, Any]) -> float:
-    """Return the cost of a step.
-
-    Raises:
-        EnvironmentFailure: If it is not finite.
-    """
-    cost = info.get("cost", -float(reward))
-    if not np.isfinite(cost):
-        raise EnvironmentFailure(
-            f"the environment's step gave the cost {cost} (reward {reward!r}), expected a finite "
-            "number"
-        )
-    return cost
 
 
 _STEP = ("observation", "reward", "terminated", "truncated", "info")

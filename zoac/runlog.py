@@ -156,7 +156,8 @@ class Console:
         """Print what runs, and the tuner's choices that a comparison must show."""
         variant = f" {run['variant']}" if run["variant"] else ""
         self._name = f"{run['task']} {run['tuner']} seed={run['seed']}{variant}"
-        self._print(f"{self._name}: {self._budget:,} steps")
+        told = f", minimising {run['objective']}" if run.get("objective") else ""
+        self._print(f"{self._name}: {self._budget:,} steps{told}")
         for choice, value in run["tuner_choices"].items():
             self._print(f"  {choice}: {value}")
 

@@ -292,6 +292,7 @@ def _run_record(run: Run) -> dict[str, Any]:
         "config": dict(run.config),
         "config_hash": records.config_hash(run.config),
         "command": list(run.command),
+        "objective": run.task.objective,
         "tuner_choices": run.tuner.describe(),
         "parameters": [asdict(p) for p in run.task.space.parameters],
         "fixed": dict(run.task.fixed),

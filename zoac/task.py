@@ -191,6 +191,8 @@ class Task(ABC):
     """Cost of a step that fails, which ends its episode: the controller raises, or acts with what
     is not finite or of the wrong shape; or the environment raises, or returns an observation or a
     cost that is not finite. None: such a step ends the run, with a message."""
+    objective: str = ""
+    """Which signal is minimised, where the first line of a run is to say it."""
     nominal: Mapping[str, Any] | None = None
     """Reference parameters that are not tuned, for tasks that have them."""
     tuned_for: Mapping[str, Mapping[str, Any]] = {}

@@ -62,17 +62,6 @@ def test_cost_is_the_negative_reward_and_the_limit_truncates():
     assert (segment.length, segment.truncated, segment.terminated) == (9, True, False)
 
 
-def test_cost_in_info_comes_first():
-    class Costly(Drift):
-        def step(self, action):
-            observation, *rest, _ = super().step(action)
-            return observation, *rest, {"cost": 7.0}
-
-    lanes = GymnasiumLanes([Costly()], 5)
-    lanes.reset(seed=[0])
-    assert lanes.step(np.zeros((1, 1)))[4]["cost"].tolist() == [7.0]
-
-
 def test_a_controllers_memory_begins_anew_with_each_episode():
     one, two = make_group([0]).rollout(plan([0]) * 2)
     for segment in (one, two):
