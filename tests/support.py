@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -193,6 +195,60 @@ class WaitingTask(CountingTask):
 
     def make_controller(self) -> EchoController:
         return _Waiting(self._sign)
+
+
+class _Stuck(EchoController):
+    def __init__(self, sign: Path, holds_interpreter: bool) -> None:
+        self._sign = sign
+        self._sleep = ctypes.PyDLL(None).sleep if holds_interpreter else time.sleep
+
+    def act(self, params: Any, obs: np.ndarray, memory: Any) -> Any:
+        self._sign.touch()
+        self._sleep(600)
+
+
+class StuckTask(CountingTask):
+    """Its controller touches a file and does not come back for ten minutes.
+
+    Args:
+        holds_interpreter: Whether no other thread of Python can run in that time.
+    """
+
+    def __init__(self, sign: Path, holds_interpreter: bool) -> None:
+        super().__init__()
+        self._stuck = (sign, holds_interpreter)
+
+    def make_controller(self) -> EchoController:
+        return _Stuck(*self._stuck)
+
+
+class SmallGroupTask(CountingTask):
+    """An environment of one lane cannot be made."""
+
+    def make_env(self, n: int) -> CountingLanes:
+        if n == 1:
+            raise ConnectionError("the second bench does not answer")
+        return super().make_env(n)
+
+
+def marked(mark: str) -> list[int]:
+    """Return the processes that were started with `mark` in their environment, on Linux."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        with suppress(OSError):  # it has ended, or is somebody else's
+            if mark.encode() in path.read_bytes():
+                found.append(int(path.parent.name))
+    return found
+
+
+def end_within(seconds: float, mark: str) -> bool:
+    """Tell whether all processes with `mark` in their environment end in so many seconds."""
+    deadline = time.monotonic() + seconds
+    while marked(mark):
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.05)
+    return True
 
 
 class _Suicidal(EchoController):

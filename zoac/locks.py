@@ -17,12 +17,13 @@ class HeldError(Exception):
 
 
 @contextmanager
-def locked(path: Path, wait: bool = False) -> Iterator[None]:
+def locked(path: Path, wait: bool = False, poll: float = 0.02) -> Iterator[None]:
     """Hold the lock on a file, which is made if it is missing.
 
     Args:
         path: The file.
         wait: Until nobody else holds it.
+        poll: Seconds between two looks while it waits.
 
     Raises:
         HeldError: If another process holds it, unless told to wait.
@@ -32,7 +33,7 @@ def locked(path: Path, wait: bool = False) -> Iterator[None]:
         while not _acquired(file):
             if not wait:
                 raise HeldError(str(path))
-            time.sleep(0.02)
+            time.sleep(poll)
         yield
 
 

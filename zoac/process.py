@@ -6,7 +6,6 @@ import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,15 +30,17 @@ class Process(Spread):
             workers: Number of processes; None: one a processor core.
             attempts: How often the same work may be begun before the run is given up.
         """
+        super().__init__()
         self._count = workers or os.cpu_count() or 1
         self._attempts = attempts
 
     def start(self, task: Task, lanes: int, seed: int) -> None:
         """See `Executor.start`."""
         self._spread(task, lanes, seed, self._count)
+        self._wait()
 
-    def _launch(self, task: Task, groups: list[list[int]], seed: int) -> Sequence[Handle]:
-        return [_ProcessHandle(task, group, seed, self._attempts) for group in groups]
+    def _launch(self, task: Task, lanes: list[int], seed: int) -> Handle:
+        return _ProcessHandle(task, lanes, seed, self._attempts)
 
 
 class _ProcessHandle(Handle):
@@ -51,6 +52,21 @@ class _ProcessHandle(Handle):
         self._earlier_seconds = self._seconds = 0.0
         self._request: tuple[str, tuple[Any, ...]] = ("state", ())
         self._start_process()
+
+    def ready(self) -> None:
+        """See `Handle.ready`."""
+        steps: list[tuple[str, tuple[Any, ...]]] = [("start", (self._task, self.lanes, self._seed))]
+        if self.lane_states is not None:
+            steps.append(("restore", (self.lane_states,)))
+        for step in steps:
+            try:
+                send(self._input, step)
+                reply = self._reply()
+            except (EOFError, OSError):
+                raise WorkerError(
+                    f"a worker process could not be started ({_death(self._process.wait())})"
+                ) from None
+            self._result(reply)
 
     def begin(self, method: str, *arguments: Any) -> None:
         """See `Handle.begin`."""
@@ -67,7 +83,9 @@ class _ProcessHandle(Handle):
                 status = self._process.wait()
                 if attempt == self._attempts:
                     break
+                self.close()
                 self._start_process()
+                self.ready()
                 method, arguments = self._request
                 self.begin(method, *arguments)
             else:
@@ -87,8 +105,9 @@ class _ProcessHandle(Handle):
         """See `Handle.close`."""
         self._process.kill()
         self._process.wait()
-        self._input.close()
-        self._output.close()
+        for stream in (self._input, self._output):
+            with contextlib.suppress(OSError):  # what was not sent yet has no reader any more
+                stream.close()
 
     def _start_process(self) -> None:
         self._earlier_seconds += self._seconds
@@ -96,34 +115,24 @@ class _ProcessHandle(Handle):
         # Not a fork, which would copy locked threads; not multiprocessing's spawn, which would
         # run a user's script again.
         path = os.pathsep.join(p for p in sys.path if p)
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "zoac.worker"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
-            cwd=Path.cwd(),
-            # Ctrl-C is for this process to handle: workers end with it.
-            start_new_session=os.name == "posix",
-        )
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "zoac.worker"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+                cwd=Path.cwd(),
+                # Ctrl-C is for this process to handle: workers end with it.
+                start_new_session=os.name == "posix",
+            )
+        except OSError as error:  # too many processes, or too little memory
+            raise WorkerError(
+                f"a worker process could not be started ({error.strerror}); try fewer "
+                "executor.workers"
+            ) from error
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._input, self._output = self._process.stdin, self._process.stdout
-        steps: list[tuple[str, tuple[Any, ...]]] = [("start", (self._task, self.lanes, self._seed))]
-        if self.lane_states is not None:
-            steps.append(("restore", (self.lane_states,)))
-        for step in steps:
-            try:
-                send(self._input, step)
-                reply = self._reply()
-            except (EOFError, OSError):
-                raise WorkerError(
-                    f"a worker process could not be started ({_death(self._process.wait())})"
-                ) from None
-            try:
-                self._result(reply)
-            except BaseException:
-                self.close()
-                raise
 
     def _reply(self) -> tuple[Any, Exception | None]:
         """Return result and error of the request, as `zoac.worker.answered` does.

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Sequence
 from typing import Any
 
 from zoac.errors import ConfigError, WorkerError
@@ -42,6 +41,7 @@ class Ray(Spread):
                 a Ray of its own on this machine.
             cores_per_worker: What Ray reserves for an actor.
         """
+        super().__init__()
         self._count, self._attempts = workers, attempts
         self._address, self._cores = address, cores_per_worker
         self._mine = False
@@ -60,7 +60,10 @@ class Ray(Spread):
                 f"executor.workers={workers} actors with executor.cores_per_worker={self._cores:g} "
                 f"need {workers * self._cores:g} cores; the Ray cluster has {cores:g}"
             )
+        # Shipped once, not once an actor; kept here, for a restart needs it again.
+        self._task = ray.put(task)
         self._spread(task, lanes, seed, workers)
+        self._wait()
 
     def _connect(self) -> None:
         """Use the Ray that this process is connected to already, or connect."""
@@ -79,12 +82,8 @@ class Ray(Spread):
             ) from error
         self._mine = True
 
-    def _launch(self, task: Task, groups: list[list[int]], seed: int) -> Sequence[Handle]:
-        # Shipped once, not once an actor; kept here, for a restart needs it again.
-        self._task = ray.put(task)
-        return [
-            _ActorHandle(self._task, group, seed, self._attempts, self._cores) for group in groups
-        ]
+    def _launch(self, task: Task, lanes: list[int], seed: int) -> Handle:
+        return _ActorHandle(self._task, lanes, seed, self._attempts, self._cores)
 
     def close(self) -> None:
         """See `Executor.close`."""
@@ -135,6 +134,9 @@ class _ActorHandle(Handle):
         ).remote(task, lanes, seed)
         self._number = 0
         self._seconds: dict[int, float] = {}  # by process
+
+    def ready(self) -> None:
+        """See `Handle.ready`; Ray queues requests until the actor is there."""
 
     def begin(self, method: str, *arguments: Any) -> None:
         """See `Handle.begin`."""

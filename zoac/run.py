@@ -6,6 +6,7 @@ python -m zoac.run task=mpc_tracking tuner=zoac -m seed=0,1,2,3,4
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +20,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, read_write
 from omegaconf.errors import OmegaConfBaseException
 
-from zoac import sweep
+from zoac import lifeline, sweep
 from zoac.config import (
     check_overrides,
     explain,
@@ -37,6 +38,9 @@ WITH_VALUE = (
     "--config-dir", "-cd", "--experimental-rerun",
 )  # fmt: skip
 """Hydra's flags that are followed by a value."""
+
+LOCAL_LAUNCHERS = ("joblib", "submitit_local")
+"""Launchers whose jobs are processes of this machine, which end with the sweep."""
 
 # Where Hydra's callback, which may be of a second copy of this module, tells `main` of a sweep.
 _SWEEP = "ZOAC_SWEEP"
@@ -58,6 +62,23 @@ class SweepStart(Callback):
         # Numeric libraries read their number of threads when loaded, before Hydra would set it.
         for name, value in config.hydra.job.env_set.items():
             os.environ.setdefault(name, value)
+        if config.hydra.runtime.choices["hydra/launcher"] in LOCAL_LAUNCHERS:
+            _end_jobs_with_this_process(Path(folder))
+
+
+def _end_jobs_with_this_process(folder: Path) -> None:
+    """Have a sweep's jobs stop when this process is told to, or ends in any other way."""
+    let_go = lifeline.hold(folder)
+
+    def stop(number: int, frame: Any) -> None:
+        for one in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(one, signal.default_int_handler)  # a second one stops at once
+        print("\nstopping all jobs; once more stops at once", file=sys.stderr)
+        sweep.end(folder, let_go)
+        raise KeyboardInterrupt
+
+    for one in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(one, stop)
 
 
 @hydra.main(config_path="pkg://zoac.conf", config_name="run", version_base="1.3")
@@ -73,6 +94,9 @@ def _job(config: DictConfig) -> None:
             # Not handed to Hydra, which would print more than the message.
             sys.exit(f"error: {error}")
         return
+    lifeline.follow(Path(job.sweep.dir))
+    if lifeline.is_cut():
+        raise KeyboardInterrupt
     with sweep.noted(Path(job.sweep.dir), job.job.num, job.overrides.task) as again:
         _run(config, again)
 
@@ -143,7 +167,8 @@ def main() -> None:
     except (HydraException, OmegaConfBaseException) as error:
         sys.exit(f"error: {explain(error, arguments)}")
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        told = f"{sweep.report(Path(os.environ[_SWEEP]))[0]}\n" if _SWEEP in os.environ else ""
+        print(f"{told}interrupted", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
         raise

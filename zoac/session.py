@@ -22,6 +22,7 @@ from typing import Any
 from zoac import build, records
 from zoac.errors import ConfigError, RunFolderError
 from zoac.executor import Executor
+from zoac.lifeline import is_cut
 from zoac.locks import HeldError, locked
 from zoac.runlog import Console, RunLog, Sink
 from zoac.task import Task
@@ -261,7 +262,10 @@ def _locked(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _stop_on_signal() -> Iterator[Any]:
-    """Yield a function that tells whether to stop: the first signal asks, a second one insists."""
+    """Yield a function that tells whether to stop: the first signal asks, a second one insists.
+
+    The end of the sweep that this run belongs to asks, too.
+    """
     asked = False
 
     def ask(number: int, frame: Any) -> None:
@@ -276,7 +280,7 @@ def _stop_on_signal() -> Iterator[Any]:
     except ValueError:  # not the main thread: signals belong to somebody else
         earlier = {}
     try:
-        yield lambda: asked
+        yield lambda: asked or is_cut()
     finally:
         for number, handler in earlier.items():
             signal.signal(number, handler)

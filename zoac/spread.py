@@ -18,6 +18,8 @@ from zoac.task import Task
 class Handle(ABC):
     """This side of one worker. A worker that dies is replaced and its request begun anew.
 
+    Making a handle begins to start its worker; `ready` waits for it.
+
     Args:
         lanes: Ids of the worker's tuning lanes.
     """
@@ -26,6 +28,14 @@ class Handle(ABC):
         self.lanes = lanes
         # `zoac.worker.saved` after the lanes' last request; None: they are at their beginning.
         self.lane_states: bytes | None = None
+
+    @abstractmethod
+    def ready(self) -> None:
+        """Wait until the worker has made its lanes.
+
+        Raises:
+            WorkerError: If the worker cannot be started.
+        """
 
     @abstractmethod
     def begin(self, method: str, *arguments: Any) -> None:
@@ -61,17 +71,32 @@ class Spread(Executor):
     the lanes cannot be saved the run ends with a message instead.
     """
 
-    _workers: Sequence[Handle] = ()
+    def __init__(self) -> None:
+        self._workers: list[Handle] = []
 
     @abstractmethod
-    def _launch(self, task: Task, groups: list[list[int]], seed: int) -> Sequence[Handle]:
-        """Return a worker for each group of lanes."""
+    def _launch(self, task: Task, lanes: list[int], seed: int) -> Handle:
+        """Begin to start a worker for a group of lanes."""
 
     def _spread(self, task: Task, lanes: int, seed: int, workers: int) -> None:
-        """Start workers, one for each group of lanes."""
-        parts = np.array_split(np.arange(lanes), min(workers, lanes))
-        self._workers = self._launch(task, [[int(lane) for lane in p] for p in parts], seed)
+        """Begin to start workers, one for each group of lanes; where one fails, end all."""
+        self._workers = []
+        try:
+            for part in np.array_split(np.arange(lanes), min(workers, lanes)):
+                self._workers.append(self._launch(task, part.tolist(), seed))
+        except BaseException:
+            self.close()
+            raise
         self._worker_of = {lane: w for w in self._workers for lane in w.lanes}
+
+    def _wait(self) -> None:
+        """Wait until all workers are ready; where one is not, end all."""
+        try:
+            for worker in self._workers:
+                worker.ready()
+        except BaseException:
+            self.close()
+            raise
 
     def rollout(
         self, proposals: Sequence[Proposal], meanwhile: Callable[[], None] = nothing

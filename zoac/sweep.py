@@ -10,13 +10,15 @@ import json
 import os
 import platform
 import sys
+import time
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from zoac.errors import ZoacError
+from zoac.lifeline import GRACE
 from zoac.records import write_json
 
 RUNNING, STOPPED, FAILED, DONE = "running", "stopped", "failed", "done"
@@ -58,6 +60,19 @@ def noted(folder: Path, number: int, overrides: Sequence[str]) -> Iterator[bool]
         write_json(path, {**note, "state": DONE})
 
 
+def end(folder: Path, let_go: Callable[[], None]) -> None:
+    """Ask the jobs of a sweep on this machine to stop, and wait until they have or time is over.
+
+    Args:
+        folder: The sweep's folder.
+        let_go: Ends the jobs' lifeline, see `zoac.lifeline`.
+    """
+    let_go()
+    deadline = time.monotonic() + GRACE
+    while time.monotonic() < deadline and any(n["state"] == RUNNING for n in _notes(folder)):
+        time.sleep(0.05)
+
+
 def has_begun(folder: Path) -> bool:
     """Tell whether any job of the sweep has."""
     return any(folder.glob("[0-9]*.json"))
@@ -69,7 +84,7 @@ def report(folder: Path) -> tuple[str, bool]:
     Args:
         folder: The sweep's folder.
     """
-    notes = [json.loads(p.read_text()) for p in folder.glob("[0-9]*.json")]
+    notes = _notes(folder)
     lines = {
         FAILED: [f"{n['job']}: {n['reason']}" for n in notes if n["state"] == FAILED],
         STOPPED: [n["job"] for n in notes if n["state"] == STOPPED],
@@ -87,6 +102,10 @@ def report(folder: Path) -> tuple[str, bool]:
             indented = "".join(f"\n  {line}" for line in sorted(named))
             paragraphs.append(f"{len(named)} job(s) of the sweep {what}:{indented}")
     return "\n".join(paragraphs), len(paragraphs) == 1
+
+
+def _notes(folder: Path) -> list[dict[str, Any]]:
+    return [json.loads(p.read_text()) for p in folder.glob("[0-9]*.json")]
 
 
 def _where(note: dict[str, Any]) -> str:

@@ -1,7 +1,7 @@
 """A worker process of `executor=process`: `python -m zoac.worker`, spoken to through pipes.
 
 Requests and replies are cloudpickles, each behind its length. The worker ends when its standard
-input does, so it never outlives the process that started it.
+input does, whatever it is at, so it never outlives the process that started it.
 """
 
 from __future__ import annotations
@@ -9,14 +9,17 @@ from __future__ import annotations
 import os
 import struct
 import sys
+import threading
 import time
 from collections.abc import Callable
+from queue import SimpleQueue
 from typing import IO, Any
 
 import cloudpickle
 
 from zoac.errors import WorkerError, ZoacError
 from zoac.executor import LaneHost
+from zoac.lifeline import die_with_parent
 
 _LENGTH = struct.Struct("<Q")
 
@@ -42,8 +45,12 @@ def receive(stream: IO[bytes]) -> Any:
     Raises:
         EOFError: If the other side has gone.
     """
+    return cloudpickle.loads(_read(stream))
+
+
+def _read(stream: IO[bytes]) -> bytes:
     (length,) = _LENGTH.unpack(_exactly(stream, _LENGTH.size))
-    return cloudpickle.loads(_exactly(stream, length))
+    return _exactly(stream, length)
 
 
 def _exactly(stream: IO[bytes], length: int) -> bytes:
@@ -133,16 +140,18 @@ def _portable(error: Exception) -> Exception:
 
 def main() -> None:
     """Serve requests until standard input ends."""
+    die_with_parent()
+    # What a user's environment prints must not get between the replies, nor what it reads be a
+    # request.
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    # What a user's environment prints must not get between the replies.
+    requests = os.fdopen(os.dup(sys.stdin.fileno()), "rb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    requests = sys.stdin.buffer
+    os.dup2(os.open(os.devnull, os.O_RDONLY), sys.stdin.fileno())
+    bodies: SimpleQueue[bytes] = SimpleQueue()
+    threading.Thread(target=_listen, args=(requests, bodies), daemon=True).start()
     worker = Worker()
     while True:
-        try:
-            method, arguments = receive(requests)
-        except EOFError:
-            return
+        method, arguments = cloudpickle.loads(bodies.get())
         result, error = answered(getattr(worker, method), arguments)
         seconds = time.process_time()
         try:
@@ -150,6 +159,15 @@ def main() -> None:
         except Exception as refusal:  # by something of the user's in the result
             reply = cloudpickle.dumps((None, _portable(refusal), seconds))
         _write(replies, reply)
+
+
+def _listen(requests: IO[bytes], bodies: SimpleQueue[bytes]) -> None:
+    """Pass requests on; end this process at their end, even if it is stuck in a user's step."""
+    try:
+        while True:
+            bodies.put(_read(requests))
+    finally:
+        os._exit(0)
 
 
 if __name__ == "__main__":

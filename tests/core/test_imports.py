@@ -9,6 +9,7 @@ ROOT = Path(__file__).parents[2]
 CORE = {
     "errors", "seeding", "parameters", "environment", "recording", "segments", "rollout", "task",
     "tuner", "constraints", "gate", "scout", "executor", "worker", "process", "evaluation",
+    "lifeline",
     "checkpoint", "records", "runlog", "trainer",
 }  # fmt: skip
 

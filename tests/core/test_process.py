@@ -1,5 +1,9 @@
 import os
 import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pytest
 
@@ -98,3 +102,47 @@ def test_this_process_has_time_while_workers_run(processes, method, tmp_path):
     # The workers wait for what is done meanwhile: else this raises.
     processes.start(support.WaitingTask(tmp_path / "sign"), 2, seed=0)
     getattr(processes, method)([support.proposal(0, seed=1)], (tmp_path / "sign").touch)
+
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="counts by /proc")
+
+
+@needs_proc
+def test_where_one_worker_cannot_start_none_is_left(processes, tmp_path, monkeypatch):
+    monkeypatch.setenv("MARK", str(tmp_path))
+    with pytest.raises(ConnectionError, match="second bench"):
+        processes.start(support.SmallGroupTask(), 3, seed=0)
+    assert support.marked(str(tmp_path)) == []
+
+
+PARENT = """
+import sys, threading
+from pathlib import Path
+from tests import support
+from zoac.process import Process
+
+executor, how, sign = Process(workers=2), sys.argv[1], Path(sys.argv[2])
+if how == "idle":
+    executor.start(support.CountingTask(), 2, seed=0)
+    sign.touch()
+    threading.Event().wait()
+executor.start(support.StuckTask(sign, how == "holding the interpreter"), 2, seed=0)
+executor.rollout([support.proposal(lane) for lane in (0, 1)])
+"""
+
+
+@needs_proc
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("how", ["idle", "stuck", "holding the interpreter"])
+def test_workers_end_with_their_parent_whatever_they_are_at(how, number, tmp_path):
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT, how, str(tmp_path / "sign")],
+        env={**os.environ, "MARK": str(tmp_path)}, cwd=Path(__file__).parents[2],
+    )  # fmt: skip
+    while not (tmp_path / "sign").exists():
+        assert parent.poll() is None
+        time.sleep(0.01)
+    assert len(support.marked(str(tmp_path))) == 3
+    parent.send_signal(number)
+    parent.wait()
+    assert support.end_within(3.0, str(tmp_path))

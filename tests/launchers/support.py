@@ -16,11 +16,12 @@ SMALL = [
 
 
 def start(*arguments, cwd):
-    """Start a command line without waiting."""
+    """Start a command line without waiting, in a session of its own, as a terminal does."""
     return subprocess.Popen(
         [sys.executable, "-m", "zoac.run", *arguments], cwd=cwd, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd)},
+        start_new_session=True,
     )  # fmt: skip
 
 
@@ -43,6 +44,15 @@ def results(runs):
         }
         for path in sorted(Path(runs).rglob("result.json"))
     }
+
+
+def all_running(process, runs, jobs):
+    """Wait until so many jobs run and have written a checkpoint."""
+    while process.poll() is None:
+        if len(list(Path(runs).rglob("current.ckpt"))) == jobs:
+            return
+        time.sleep(0.01)
+    raise AssertionError("the sweep has ended")
 
 
 def running_note(process, runs, job):

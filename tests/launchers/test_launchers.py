@@ -1,12 +1,23 @@
 """The same sweep through every launcher that is installed."""
 
 import importlib
+import json
 import os
 import signal
+from pathlib import Path
 
 import pytest
 
-from tests.launchers.support import SMALL, finish, results, running_note, start, sweep
+from tests.launchers.support import (
+    SMALL,
+    all_running,
+    finish,
+    results,
+    running_note,
+    start,
+    sweep,
+)  # fmt: skip
+from tests.support import end_within
 from zoac.config import compose_config
 
 PLUGINS = {
@@ -84,6 +95,51 @@ def test_a_preempted_job_is_requeued_and_ends_on_the_same_bits(tmp_path):
     assert "Requeued job" in log
     assert log.count("| 0/40,000 steps |") == 1  # it went on, and did not begin anew
     assert results(tmp_path / "parts" / "runs") == results(tmp_path / "whole" / "runs")
+
+
+def stop(process, how):
+    """Send a signal to the process of a sweep, or Ctrl-C as a terminal does: to all of them."""
+    if how == "Ctrl-C":
+        os.killpg(process.pid, signal.SIGINT)
+    else:
+        process.send_signal(how)
+
+
+@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="counts by /proc")
+@pytest.mark.parametrize(
+    ("launcher", "how", "executor"),
+    [
+        ("joblib", signal.SIGTERM, "serial"),
+        ("joblib", signal.SIGKILL, "process"),
+        ("joblib", "Ctrl-C", "serial"),
+        ("submitit_local", signal.SIGTERM, "process"),
+        ("submitit_local", signal.SIGKILL, "serial"),
+    ],
+)
+def test_jobs_end_with_their_sweep_and_the_same_command_goes_on_with_all(
+    launcher, how, executor, tmp_path
+):
+    needs(launcher)
+    command = [*SMALL, "seed=0,1", f"launcher={launcher}", "budget=60000", "checkpoint_seconds=0",
+               f"executor={executor}"]  # fmt: skip
+    if executor == "process":
+        command.append("executor.workers=1")
+    if launcher == "joblib":
+        command.append("hydra.launcher.n_jobs=2")
+    process = start("-m", *command, cwd=tmp_path)
+    all_running(process, tmp_path / "runs", 2)
+    stop(process, how)
+    code, _, err = finish(process)
+    assert code == (-signal.SIGKILL if how == signal.SIGKILL else 130), err
+    assert "Traceback" not in err
+    assert end_within(5.0, f"HOME={tmp_path}")
+    notes = [json.loads(p.read_text()) for p in tmp_path.glob("runs/.sweeps/*/[0-9]*.json")]
+    assert [note["state"] for note in notes] == ["stopped", "stopped"]
+    assert results(tmp_path / "runs") == {}
+    code, out, err = sweep(*command, cwd=tmp_path)
+    assert code == 0, err
+    assert "2 job(s) of the sweep done" in out
+    assert len(results(tmp_path / "runs")) == 2
 
 
 def test_slurm_is_asked_for_nothing_it_does_not_know():
