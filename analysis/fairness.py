@@ -48,7 +48,7 @@ def refuse_unequal(runs: Sequence[Run], *, any_budget: bool = False) -> None:
     named = [
         (
             str(run.method),
-            _without(_settings(run), "seed", *OF_TUNER, *(["task"] if several else [])),
+            _without(_settings(run), "seed", *OF_TUNER, *(["task", "code"] if several else [])),
         )
         for run in runs
     ]

@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from zoac.analysis import cli, replay, style
-from zoac.analysis.fairness import refuse_mixed
 from zoac.analysis.labels import unit_label
 from zoac.analysis.runs import Run, by_method
 from zoac.analysis.selection import chosen, median_run
@@ -62,7 +61,6 @@ def _command(options: argparse.Namespace) -> None:
         collection = collection.of_variant(options.variant)
     method = chosen(collection, options.tuner)[0].method
     runs = by_method(collection.finished)[method]
-    refuse_mixed(runs)
     task = replay.rebuild(runs[0])
     names = options.parameters.split(",") if options.parameters else _numbers(task.space)
     slices = sliced(task, median_run(runs), names, options.points, options.episodes)

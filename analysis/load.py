@@ -13,6 +13,7 @@ from zoac.records import (
     METRICS,
     RESULT,
     RUN,
+    differing_keys,
     is_done,
     read_metrics,
     read_result,
@@ -123,11 +124,17 @@ def _candidates(folder: Path) -> Iterator[Path]:
 
 
 def _refuse_copies(runs: Sequence[Run]) -> None:
-    seen: dict[tuple[Method, int], Path] = {}
+    seen: dict[tuple[Method, int], Run] = {}
     for run in runs:
-        other = seen.setdefault((run.method, run.seed), run.folder)
-        if other != run.folder:
-            raise RunFolderError(
-                f"two folders hold the same run, {run.method}, seed {run.seed}: "
-                f"{other} and {run.folder}; move one away"
-            )
+        other = seen.setdefault((run.method, run.seed), run)
+        if other is run:
+            continue
+        folders = f"{run.method}, seed {run.seed}: {other.folder} and {run.folder}"
+        differences = differing_keys(other.config, run.config)
+        if not differences:
+            raise RunFolderError(f"two folders hold the same run, {folders}; move one away")
+        told = "".join(f"\n  {key}: {a!r} and {b!r}" for key, (a, b) in differences.items())
+        raise RunFolderError(
+            f"two folders hold runs of one name that are not the same run, {folders}:{told}\n"
+            "read them apart, or move one away"
+        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from zoac.analysis.fairness import refuse_mixed
 from zoac.analysis.runs import Collection, Run, by_method
 from zoac.errors import RunFolderError
 
@@ -12,7 +13,7 @@ def chosen(collection: Collection, tuner: str | None = None, seed: int | None = 
     """Return one finished run per method, tuned ones first: `seed`, or the median one in cost.
 
     Raises:
-        RunFolderError: If there is none.
+        RunFolderError: If there is none, or seeds of a method differ in their configuration.
     """
     runs = [r for r in collection.finished if tuner in (None, r.method.tuner)]
     if seed is not None:
@@ -23,7 +24,10 @@ def chosen(collection: Collection, tuner: str | None = None, seed: int | None = 
             if value is not None
         )  # fmt: skip
         raise RunFolderError(f"no finished run{wanted}")
-    return sorted((median_run(group) for group in by_method(runs).values()), key=_prominence)
+    groups = by_method(runs).values()
+    for group in groups:
+        refuse_mixed(group)
+    return sorted(map(median_run, groups), key=_prominence)
 
 
 def median_run(runs: Sequence[Run]) -> Run:

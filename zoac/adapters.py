@@ -136,6 +136,15 @@ class UserTask(Task):
         self._plant, self._vary = dict(plant or {}), dict(vary or {})
         self._objective, self.objective = objective, str(Objective(objective))
 
+    def parts(self) -> dict[str, Any]:
+        """See `Task.parts`."""
+        return {
+            "env": self._env,
+            "controller": self._controller,
+            "metrics": {metric.name: metric for metric in self.metrics},
+            "constraints": {constraint.name: constraint for constraint in self.constraints},
+        }
+
     def make_env(self, n: int) -> GymnasiumLanes:
         """Return `n` environments as lanes."""
         envs = [self._one_env() for _ in range(n)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from zoac import build, records
+from zoac import build, fingerprint, records
 from zoac.adapters import EnvSource, UserTask, user_task
 from zoac.config import GROUPS, compose_config, resolved
 from zoac.errors import ConfigError, suggest
@@ -23,7 +24,7 @@ from zoac.parameters import ParameterSpace
 from zoac.records import TASK
 from zoac.results import Result, keep_task, result_of
 from zoac.runlog import Console
-from zoac.session import Run, execute
+from zoac.session import Run, execute, with_code
 from zoac.task import Constraint, Metric, Task
 
 
@@ -121,9 +122,9 @@ def tune(
         episodes: Evaluation episodes during tuning.
         final_episodes: Evaluation episodes of the final figure.
         folder: Run folder; None: a new temporary one.
-        resume: What becomes of a run in that folder: "auto" (it goes on if its settings and the
-            names of environment and controller are these, and is returned if it is done), "never",
-            "overwrite".
+        resume: What becomes of a run in that folder: "auto" (it goes on if its settings, and the
+            code and values of environment and controller, are these, and is returned if it is
+            done), "never", "overwrite".
         quiet: Print nothing.
 
     Raises:
@@ -172,13 +173,14 @@ def tune(
     config.evaluation.episodes = _whole("episodes", episodes)
     config.evaluation.final_episodes = _whole("final_episodes", final_episodes)
     plain = resolved(config)
-    name = task if isinstance(task, str) else type(the_task).__name__
     if not isinstance(task, str):
-        plain["task"] = _identity(the_task, task or env, controller, options_of_task)
+        plain["task"] = _identity(the_task, options_of_task)
     settings = replace(build.build_settings(plain), compare_start=True)
+    identified, doubts = with_code(plain, the_task)
     run = Run(
-        identity={"task": name, "tuner": tuner, "seed": config.seed},
-        config=plain,
+        identity={"task": _name(task, env), "tuner": tuner, "seed": config.seed},
+        config=identified,
+        doubts=doubts,
         command=sys.argv,
         task=the_task,
         tuner=build.build_tuner(plain["tuner"], the_task, settings),
@@ -215,21 +217,12 @@ def _task(
     return user_task(env=env, controller=controller, space=space, **options)
 
 
-def _identity(
-    task: Task, source: Any, controller: Any, options: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Return what tells a task without a YAML file from others, as plain data.
-
-    Code is known by its name only: an edit that keeps the names is not noticed.
-    """
+def _identity(task: Task, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings that tell a task without a YAML file from others, as plain data."""
     told = {
-        "source": _name(source),
-        "controller": None if controller is None else _name(controller),
         "space": [str(p) for p in task.space.parameters],
         "fixed": dict(task.fixed),
         "start": dict(task.nominal or {}),
-        "metrics": [metric.name for metric in task.metrics],
-        "constraints": [constraint.name for constraint in task.constraints],
         "max_episode_steps": options["max_episode_steps"],
         "plant": dict(options["plant"] or {}),
         "vary": {name: list(bounds) for name, bounds in (options["vary"] or {}).items()},
@@ -239,12 +232,12 @@ def _identity(
     return {key: value for key, value in plain.items() if value or key == "fixed"}
 
 
-def _name(thing: Any) -> str:
-    """Return the name of a class or function, or of an object's class; a string is its own."""
-    if isinstance(thing, str):
-        return thing
-    named = thing if hasattr(thing, "__qualname__") else type(thing)
-    return f"{named.__module__}.{named.__qualname__}"
+def _name(task: Task | str | None, env: EnvSource | None) -> str:
+    """Return what a task is called in tables: its own name, its class's or its environment's."""
+    if task is not None:
+        return task if isinstance(task, str) else type(task).__name__
+    last = fingerprint.name(env).rpartition(".")[2]
+    return re.sub(r"[^\w.-]+", "-", last).strip("-")
 
 
 def _number(name: str, value: Any) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import pickle
 import platform
@@ -19,7 +20,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from zoac import build, records
+from zoac import build, fingerprint, records
+from zoac.checks import TARGET, locate
 from zoac.errors import ConfigError, RunFolderError
 from zoac.executor import Executor
 from zoac.lifeline import is_cut
@@ -68,6 +70,7 @@ class Run:
         settings: Seed, budget and evaluation.
         sinks: Mirrors of the run folder.
         quiet: Do not say that the run is done already.
+        doubts: What `config` cannot tell of the task, one sentence each; see `with_code`.
     """
 
     identity: Mapping[str, Any]
@@ -79,6 +82,43 @@ class Run:
     settings: Settings
     sinks: Sequence[Sink]
     quiet: bool = False
+    doubts: Sequence[str] = ()
+
+
+def with_code(config: Mapping[str, Any], task: Task) -> tuple[dict[str, Any], Sequence[str]]:
+    """Return a configuration with what tells a user's code and objects from others; and doubts.
+
+    Args:
+        config: Resolved configuration; its task has a `_target_` if it comes from a YAML file.
+        task: What is tuned.
+
+    Returns:
+        The configuration with the key `code`, if the task has code that is not zoac's own; and a
+        sentence for each part that cannot be compared with that of another run.
+    """
+    node = config["task"]
+    if TARGET not in node:
+        code, doubts = fingerprint.told(task.parts())
+    else:
+        # Jobs of a sweep may share a process, and the code may change its own globals meanwhile.
+        key = json.dumps(node, sort_keys=True)
+        if key not in _seen:
+            _seen[key] = fingerprint.told(_parts_from_file(node[TARGET], task))
+        code, doubts = _seen[key]
+    kept = {name: texts for name, texts in code.items() if texts}
+    return {**config, "code": kept} if kept else dict(config), doubts
+
+
+_seen: dict[str, tuple[dict[str, Any], list[str]]] = {}
+
+
+def _parts_from_file(target: str, task: Task) -> dict[str, Any]:
+    """Return the parts of a task from a YAML file, which has the task's options already."""
+    parts = task.parts()
+    if parts.get("task") is not task:
+        return parts
+    made_by = locate(target, TARGET)
+    return {} if fingerprint.is_installed(made_by.__module__) else {"task": made_by}
 
 
 def run_session(
@@ -101,9 +141,11 @@ def run_session(
     """
     settings = build.build_settings(config)
     the_task = build.build_task(config)
+    identified, doubts = with_code(config, the_task)
     run = Run(
         identity={"task": task, "tuner": tuner, "seed": config["seed"]},
-        config=config,
+        config=identified,
+        doubts=doubts,
         command=command,
         task=the_task,
         tuner=build.build_tuner(config["tuner"], the_task, settings),
@@ -124,6 +166,7 @@ def execute(run: Run, folder: Path) -> dict[str, Any]:
     _make(folder)
     with _locked(folder):
         if _prepare(folder, run.config):
+            _refuse_doubtful(folder, run.doubts)
             if not run.quiet:
                 print(f"{folder}: done already; resume=overwrite starts anew")
             return records.read_result(folder)
@@ -199,11 +242,23 @@ def _prepare(folder: Path, config: Mapping[str, Any]) -> bool:
     if earlier["config_hash"] != records.config_hash(config):
         differences = records.differing_keys(earlier["config"], config)
         told = "\n".join(f"  {key}: {a!r} there, {b!r} now" for key, (a, b) in differences.items())
+        coded = any(key.startswith("code.") for key in differences)
+        hint = "Behind @ stands a digest of code and values. " if coded else ""
         raise RunFolderError(
             f"{folder} holds a run of another configuration:\n{told}\n"
-            "Use those values, another variant=<name>, or resume=overwrite"
+            f"{hint}Use those values, another variant=<name>, or resume=overwrite"
         )
     return records.is_done(folder)
+
+
+def _refuse_doubtful(folder: Path, doubts: Sequence[str]) -> None:
+    """Raise if nobody can tell whether the result in `folder` is this run's."""
+    if doubts:
+        raise RunFolderError(
+            f"{folder} holds a result, and whether it is of the same run cannot be told: "
+            f"{'; '.join(doubts)}. Load it with zoac.load_result, choose another folder, or start "
+            "anew with resume=overwrite"
+        )
 
 
 def _tell_what_differs(folder: Path, record: Mapping[str, Any]) -> None:

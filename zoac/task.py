@@ -198,6 +198,13 @@ class Task(ABC):
     tuned_for: Mapping[str, Mapping[str, Any]] = {}
     """Tuner's name -> options that suit this task; where nothing else is said, they hold."""
 
+    def parts(self) -> dict[str, Any]:
+        """Return what tells this task from others beyond its configuration, by name.
+
+        Functions, classes and objects, or dicts of them; see `zoac.fingerprint`.
+        """
+        return {"task": self}
+
     @abstractmethod
     def make_env(self, n: int) -> LaneEnv:
         """Return an environment of `n` lanes."""

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,23 @@ def test_seeds_of_different_configurations_are_not_averaged(tmp_path: Path) -> N
         "  tuner.sigma: (absent) in seed 0, seed 1; 0.2 in seed 2",
         "set one group apart with variant=NAME, or move it to another folder",
     ]
+
+
+READERS = [
+    ["table2", "--task", "pid_acc"], ["curves"], ["beyond", "--reference", "best"], ["compact"],
+    ["report"], ["trajectories"], ["landscape"], ["robustness"],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("command", READERS, ids=lambda command: command[0])
+def test_seeds_on_two_plants_of_one_name_never_count_as_one_method(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str]
+) -> None:
+    write_run(tmp_path, seed=0, config={"code": {"env": "here.P@1"}})
+    write_run(tmp_path, seed=1, config={"code": {"env": "here.P@2"}})
+    module = import_module(f"zoac.analysis.{command[0]}")
+    assert module.main([str(tmp_path), *command[1:]]) == 1
+    assert "code.env: here.P@1 in seed 0; here.P@2 in seed 1" in capsys.readouterr().err
 
 
 def test_where_a_run_was_executed_does_not_set_it_apart(tmp_path: Path) -> None:

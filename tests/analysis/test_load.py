@@ -98,6 +98,13 @@ def test_a_record_that_says_too_little_names_what_it_lacks(tmp_path: Path) -> No
     ]
 
 
+def test_runs_of_one_name_on_two_plants_are_refused_by_what_differs(tmp_path: Path) -> None:
+    write_run(tmp_path / "a", config={"code": {"env": "here.P@1"}})
+    write_run(tmp_path / "b", config={"code": {"env": "here.P@2"}})
+    with pytest.raises(RunFolderError, match=r"not the same run.*\n  code.env: 'here.P@1' and 'he"):
+        load(tmp_path)
+
+
 def test_the_same_run_twice_is_refused(tmp_path: Path) -> None:
     write_run(tmp_path / "a")
     write_run(tmp_path / "b")

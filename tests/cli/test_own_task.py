@@ -44,6 +44,19 @@ def test_it_is_tuned_from_its_folder_in_this_process_and_in_others(folder):
     assert one["z"] == two["z"]
 
 
+def test_an_edit_of_their_code_makes_another_run_and_a_comment_does_not(folder):
+    first = run(folder, "task=tank", *SMALL)
+    assert first.returncode == 0, first.stderr
+    code = (folder / "tank.py").read_text()
+    (folder / "tank.py").write_text(code.replace("DT = 1.0", "# Seconds.\nDT = 1.0"))
+    assert "done already" in run(folder, "task=tank", *SMALL).stdout
+    (folder / "tank.py").write_text(code.replace("DT = 1.0", "DT = 2.0"))
+    edited = run(folder, "task=tank", *SMALL)
+    assert edited.returncode == 1
+    assert "code.env: 'tank.Tank@" in edited.stderr
+    assert "code.controller: 'tank.Pi@" in edited.stderr
+
+
 def test_a_task_in_a_folder_of_the_group_keeps_its_full_name(folder):
     (folder / "conf/task/my_pkg").mkdir()
     shutil.move(folder / "conf/task/tank.yaml", folder / "conf/task/my_pkg/tank.yaml")

@@ -1,16 +1,33 @@
+import os
 import re
+import subprocess
+import sys
+import threading
+from functools import partial
+from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 
 import zoac
 from tests.core.test_adapters import Drift, Integrator
+from tests.support import CountingTask
 from zoac import records
 from zoac.errors import ConfigError, RunFolderError
 from zoac.records import read_run
 from zoac.results import task_of_run
 
 SMALL = {"lanes": 2, "episodes": 2, "final_episodes": 4, "quiet": True, "max_episode_steps": 20}
+
+
+ROOT = Path(__file__).parents[2]
+
+
+class Sized(Drift):
+    def __init__(self, size=1.0):
+        super().__init__()
+        self.size = size
 
 
 def proportional(params, obs):
@@ -80,11 +97,14 @@ def other(params, obs):
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"controller": other}, "task.controller: 'tests.core.test_api.proportional' there"),
-        ({"env": lambda: Drift()}, "task.source: 'tests.core.test_adapters.Drift' there"),
+        ({"controller": other}, "code.controller: 'tests.core.test_api.proportional@"),
+        ({"env": lambda: Drift()}, "code.env: 'tests.core.test_adapters.Drift@"),
         ({"start": {"k": 0.5}}, "task.start.k: '(absent)' there, 0.5 now"),
         ({"max_episode_steps": 19}, "task.max_episode_steps: 20 there, 19 now"),
-        ({"metrics": {"effort": lambda s: s.costs}}, "task.metrics: '(absent)' there, ['effort']"),
+        (
+            {"metrics": {"effort": lambda s: s.costs}},
+            "code.metrics.effort: '(absent)'",
+        ),
         ({"budget": 500}, "budget: 400 there, 500 now"),
     ],
 )
@@ -92,6 +112,97 @@ def test_a_folder_with_another_run_is_refused_by_what_differs(tmp_path, changes,
     tune(folder=tmp_path / "run")
     with pytest.raises(RunFolderError, match=re.escape(told)):
         tune(folder=tmp_path / "run", **changes)
+
+
+def above(limit):
+    return lambda s: s.costs - limit
+
+
+class Gained(Integrator):
+    def __init__(self, gain):
+        self.gain = gain
+
+
+class Locked(Drift):
+    def __init__(self):
+        super().__init__()
+        self.door = threading.Lock()
+
+    def __deepcopy__(self, memo):
+        return Locked()
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "told"),
+    [
+        ({"env": partial(Sized, 1.0)}, {"env": partial(Sized, 0.01)}, "code.env: '"),
+        ({"env": Sized(1.0)}, {"env": Sized(2.0)}, "code.env: '"),
+        ({"controller": lambda p, o: -o}, {"controller": lambda p, o: o}, "code.controller: '"),
+        ({"controller": Gained(1.0)}, {"controller": Gained(2.0)}, "code.controller: '"),
+        ({"constraints": {"x": above(1.0)}}, {"constraints": {"x": above(2.0)}},
+         "code.constraints.x: '"),
+        ({"metrics": {"y": above(1.0)}}, {"metrics": {"y": above(2.0)}}, "code.metrics.y: '"),
+        ({"plant": {"size": 1.0}, "env": Sized}, {"plant": {"size": 2.0}, "env": Sized},
+         "task.plant.size: 1.0 there, 2.0 now"),
+        ({"env": gymnasium.make("Pendulum-v1")}, {"env": gymnasium.make("Pendulum-v1", g=9.0)},
+         "code.env: 'Pendulum-v1@"),
+    ],
+)  # fmt: skip
+def test_one_name_for_two_things_does_not_make_them_one_run(tmp_path, first, second, told):
+    tune(folder=tmp_path / "run", **first)
+    tune(folder=tmp_path / "run", **first)
+    with pytest.raises(RunFolderError, match=re.escape(told)):
+        tune(folder=tmp_path / "run", **second)
+
+
+def test_a_task_object_with_other_attributes_is_another_run(tmp_path):
+    options = {"budget": 40, "lanes": 2, "episodes": 1, "final_episodes": 2, "quiet": True}
+    zoac.tune(task=CountingTask(7), folder=tmp_path, **options)
+    zoac.tune(task=CountingTask(7), folder=tmp_path, **options)
+    with pytest.raises(RunFolderError, match="code.task: 'tests.support.CountingTask@"):
+        zoac.tune(task=CountingTask(8), folder=tmp_path, **options)
+
+
+def test_a_result_is_not_returned_for_what_cannot_be_compared(tmp_path):
+    tune(env=Locked(), folder=tmp_path / "run")
+    with pytest.raises(RunFolderError, match="cannot be told: env: attribute 'door' is a lock"):
+        tune(env=Locked(), folder=tmp_path / "run")
+    assert tune(env=Locked(), folder=tmp_path / "run", resume="overwrite").env_steps >= 400
+
+
+def test_the_same_script_in_a_second_process_gets_the_result_of_the_first(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    seen = [
+        subprocess.run(
+            [sys.executable, "-W", "ignore", str(script)], check=True, text=True,
+            capture_output=True, cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONHASHSEED": seed},
+        ).stdout
+        for seed in "12"
+    ]  # fmt: skip
+    assert "done already" not in seen[0]
+    assert "done already" in seen[1]
+    assert seen[0].splitlines()[-1] == seen[1].splitlines()[-1]
+
+
+SCRIPT = """
+from functools import partial
+import zoac
+from tests.core.test_api import Sized, above
+
+print(zoac.tune(
+    env=partial(Sized, 2.0), controller=lambda p, o: -p["k"] * o[0], space={"k": (0, 2)}, lanes=2,
+    constraints={"x": above(1.0)}, metrics={"y": lambda s: s.costs}, budget=100, episodes=1,
+    final_episodes=2, max_episode_steps=20, folder="run",
+).cost_mean)
+"""
+
+
+def test_a_run_is_called_after_its_environment():
+    assert read_run(tune(budget=0).folder)["task"] == "Drift"
+    assert read_run(tune(budget=0, env=lambda: Drift()).folder)["task"] == "lambda"
+    assert read_run(tune(budget=0, env=partial(Sized, 2.0)).folder)["task"] == "Sized"
 
 
 def test_a_folder_can_be_begun_anew(tmp_path):
