@@ -151,6 +151,9 @@ class _LockedLanes(CountingLanes):
     def state(self, lanes: Any) -> Any:
         return super().state(lanes), self.lock
 
+    def restore(self, lanes: Any, state: Any) -> Any:
+        return super().restore(lanes, state[0])
+
 
 class LockedTask(CountingTask):
     """The state of its lanes is taken by no pickle."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from zoac.checks import locate
 from zoac.errors import ConfigError
-from zoac.gymnasium_lanes import Bounds, GymnasiumLanes, env_action
+from zoac.gymnasium_lanes import Bounds, GymnasiumLanes, copy_of, env_action
 from zoac.objective import Objective
 from zoac.parameters import Parameter, ParameterSpace, choice
 from zoac.task import Constraint, Controller, Diagnostics, Memory, Metric, Parameters, Task
@@ -161,7 +161,7 @@ class UserTask(Task):
         if isinstance(self._env, str):
             return gymnasium.make(self._env)
         if isinstance(self._env, gymnasium.Env):
-            return copy.deepcopy(self._env)
+            return copy_of(self._env)
         return self._env()
 
     def make_controller(self) -> Controller:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 from zoac.checks import TARGET, check_arguments, check_node, locate
-from zoac.environment import can_be_put_back
 from zoac.errors import ConfigError
 from zoac.executor import Executor
 from zoac.gate import Gate, search_budget, trusted
@@ -83,7 +82,7 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
         max_episode_steps=env.max_episode_steps,
         seed=settings.seed,
         nominal=None if task.nominal is None else task.space.unit(task.nominal),
-        branches=can_be_put_back(env),
+        branches=task.restore_fault is None,
     )
     env.close()
     if settings.trust is not None:

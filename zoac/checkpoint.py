@@ -13,6 +13,8 @@ import pickle
 from pathlib import Path
 from typing import Any
 
+import cloudpickle
+
 from zoac.errors import RunFolderError
 from zoac.records import sync_folder, write_atomically
 
@@ -27,7 +29,7 @@ def save(folder: Path, state: Any) -> None:
         OSError: If it cannot be written; the earlier checkpoints are then untouched.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    body = pickle.dumps(state, protocol=pickle.HIGHEST_PROTOCOL)
+    body = cloudpickle.dumps(state)  # takes what pickle does not: classes made in a function
     header = json.dumps({"format": FORMAT, "sha256": hashlib.sha256(body).hexdigest()})
     fresh = folder / "fresh.ckpt"
     write_atomically(fresh, header.encode() + b"\n" + body)

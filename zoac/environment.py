@@ -91,15 +91,6 @@ class LaneEnv(VectorEnv, ABC):
         """Put `state` back into `lanes`; return the observations (n, o) of all lanes."""
 
 
-def can_be_put_back(env: LaneEnv) -> bool:
-    """Tell whether a lane's state can be copied, and so be put back later."""
-    try:
-        env.state([0])
-    except Exception:  # whatever a user's environment raises when it is copied
-        return False
-    return True
-
-
 class ArrayLanes(LaneEnv):
     """Lanes as rows of arrays: the base class of the built-in environments.
 

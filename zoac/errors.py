@@ -27,6 +27,10 @@ class ControllerError(ZoacError):
     """A controller raised, or returned actions of the wrong shape or not finite."""
 
 
+class UnsavableError(ZoacError):
+    """An environment that cannot be put back to where it stood was to be saved."""
+
+
 class WorkerError(ZoacError):
     """A worker died again and again on the same work, or died and its lanes cannot be put back."""
 

@@ -240,6 +240,31 @@ def env_action(space: gymnasium.Space, action: np.ndarray) -> Any:
     return np.clip(action.reshape(space.shape), space.low, space.high).astype(space.dtype)
 
 
+def copy_of(env: gymnasium.Env) -> gymnasium.Env:
+    """Return a copy of an environment object with the same numbers.
+
+    Raises:
+        ConfigError: If it cannot be copied, or its copy has other numbers: some are built anew
+            from the arguments that made them.
+    """
+    remedy = "give a function that makes the environment instead, such as env=make_env"
+    try:
+        twin = copy.deepcopy(env)
+    except Exception as error:  # whatever a user's environment raises when it is copied
+        raise ConfigError(
+            f"env={env}: every lane needs a copy, and copying raised {type(error).__name__}: "
+            f"{error}; {remedy}"
+        ) from error
+    for name, value in vars(env.unwrapped).items():
+        found = getattr(twin.unwrapped, name, None)
+        if isinstance(value, _NUMBERS) and value == value and found != value:
+            raise ConfigError(
+                f"env={env}: every lane needs a copy, and in a copy {name!r} is {found!r}, not "
+                f"{value!r}; {remedy}"
+            )
+    return twin
+
+
 def _own_limit(env: gymnasium.Env) -> int | None:
     """Return the time limit that an environment brings along, if it has one."""
     limits = [env.spec.max_episode_steps] if env.spec else []

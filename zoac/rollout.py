@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import deque
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
@@ -10,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zoac.environment import can_be_put_back
-from zoac.errors import ControllerError, EnvironmentFailure, ZoacError, suggest
+from zoac.errors import ControllerError, EnvironmentFailure, UnsavableError, ZoacError, suggest
 from zoac.recording import Recording
 from zoac.seeding import stream_seed
 from zoac.segments import Proposal, Segment
@@ -54,7 +54,8 @@ class LaneGroup:
         self._seeds = tuple(seeds)
         self._first_seeds: list[int | None] = list(seeds)
         self._restarts = np.zeros(self.n, dtype=np.int64)
-        self._saves = can_be_put_back(self._env)
+        self._task = task
+        self._told = False  # that a lane could not be copied
         self._action_shape = tuple(self._env.single_action_space.shape or ())
         self._observations = np.zeros((self.n, *(self._env.single_observation_space.shape or ())))
         self._initial_memory = _copied(self._controller.init(self.n))
@@ -181,9 +182,8 @@ class LaneGroup:
         """Bring `lane` to where `proposal` starts."""
         resume = None
         if proposal.seed is not None:
-            if self._saves:
-                resume = self._snapshot(lane)
-            else:
+            resume = self._copied_lane(lane)
+            if resume is None:
                 self._begin_anew(lane)
             self._reset(lane, proposal.seed)
         else:
@@ -192,7 +192,7 @@ class LaneGroup:
                 seed, self._first_seeds[lane] = self._first_seeds[lane], None
                 self._reset(lane, seed)
             if proposal.branch:
-                resume = self._snapshot(lane)
+                resume = self._copied_lane(lane)
         return _Running(index, row, proposal.horizon, bool(self._steps[lane] == 0), resume)
 
     def _begin_anew(self, lane: int) -> None:
@@ -321,6 +321,22 @@ class LaneGroup:
             f"parameters: {values}"
         )
 
+    def _copied_lane(self, lane: int) -> dict[str, Any] | None:
+        """Return a copy of a lane to put back later; None if it cannot be copied."""
+        if self._task.restore_fault is not None:
+            return None
+        try:
+            return self._snapshot(lane)
+        except Exception as error:  # whatever a user's environment or controller raises
+            if not self._told:
+                self._told = True
+                print(
+                    f"a lane cannot be copied any more ({type(error).__name__}: {error}): it goes "
+                    "on from where it stands, and held-out episodes begin anew",
+                    file=sys.stderr,
+                )
+            return None
+
     def _snapshot(self, lane: int) -> dict[str, Any]:
         return {
             "env": self._env.state([lane]),
@@ -343,7 +359,13 @@ class LaneGroup:
         self._restarts[lane] = snapshot["restarts"]
 
     def state(self) -> dict[int, Any]:
-        """Return a picklable copy of every lane's state, by lane id."""
+        """Return a picklable copy of every lane's state, by lane id.
+
+        Raises:
+            UnsavableError: If the environment cannot be put back to where it stood.
+        """
+        if self._task.save_fault is not None:
+            raise UnsavableError(self._task.save_fault)
         return {lane_id: self._snapshot(row) for lane_id, row in self._row_of.items()}
 
     def restore(self, state: Mapping[int, Any]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import pickle
 import platform
 import re
 import shutil
@@ -176,31 +175,13 @@ def execute(run: Run, folder: Path) -> dict[str, Any]:
         try:
             run.executor.start(run.task, run.settings.lanes, run.settings.seed)
             with _stop_on_signal() as stop:
-                return Trainer(
-                    run.task, run.tuner, run.executor, run.settings, log, stop,
-                    save_lanes=_can_be_saved(run.executor),
-                ).run()  # fmt: skip
+                return Trainer(run.task, run.tuner, run.executor, run.settings, log, stop).run()
         except Interrupted:
             print(f"stopped; the same command goes on from {folder}", file=sys.stderr)
             raise KeyboardInterrupt from None
         finally:
             run.executor.close()
             log.close()
-
-
-def _can_be_saved(executor: Executor) -> bool:
-    """Tell whether lanes can go into a checkpoint; if not, say what follows from it."""
-    try:
-        pickle.dumps(executor.state())
-    except Exception as error:  # whatever a user's environment or controller raises
-        print(
-            f"the environment or controller cannot be saved ({type(error).__name__}: {error}): "
-            "if this run is stopped, it goes on with new episodes, and so not to the same bits; "
-            "lane_restarts in result.json counts that",
-            file=sys.stderr,
-        )
-        return False
-    return True
 
 
 def _make(folder: Path) -> None:

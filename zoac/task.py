@@ -6,10 +6,12 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
+from zoac import probe
 from zoac.environment import LaneEnv
 from zoac.errors import ConfigError, suggest
 from zoac.numbers import is_number
@@ -212,6 +214,16 @@ class Task(ABC):
     @abstractmethod
     def make_controller(self) -> Controller:
         """Return the controller."""
+
+    @cached_property
+    def restore_fault(self) -> str | None:
+        """Why a lane cannot be put back to where it stood; None: a trial showed that it can."""
+        return probe.restore_fault(self.make_env)
+
+    @cached_property
+    def save_fault(self) -> str | None:
+        """Why a lane cannot be saved and put back into another environment; None: it can."""
+        return self.restore_fault or probe.restore_fault(self.make_env, pickled=True)
 
     def tuning_costs(self, segment: Segment) -> np.ndarray:
         """Return the costs (T,) that a tuner sees; evaluation always reports the plain ones."""

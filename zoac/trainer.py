@@ -5,18 +5,20 @@ It does not know who is tuning, what is tuned, or where lanes run.
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any
 
+import cloudpickle
 import numpy as np
 from pydantic import Field
 
 from zoac.checkpoint import unfit
 from zoac.constraints import FeasibilityFirst
-from zoac.errors import NothingWorksError
+from zoac.errors import NothingWorksError, ZoacError
 from zoac.evaluation import evaluation_proposals, evaluation_row
 from zoac.executor import Executor
 from zoac.numbers import Count, Natural, NonNegative, Share
@@ -104,7 +106,6 @@ class Trainer:
         settings: Settings,
         log: RunLog,
         stop_requested: Callable[[], bool] = lambda: False,
-        save_lanes: bool = True,
     ) -> None:
         """
         Args:
@@ -114,11 +115,11 @@ class Trainer:
             settings: Seed, budget and evaluation.
             log: Where rows, checkpoints and the result go.
             stop_requested: Asked between iterations; True ends the run with a checkpoint.
-            save_lanes: False: lanes cannot be saved, so that a resumed run begins new episodes.
         """
         self._task, self._tuner, self._executor = task, tuner, executor
         self._settings, self._log = settings, log
-        self._stop_requested, self._save_lanes = stop_requested, save_lanes
+        self._stop_requested = stop_requested
+        self._lanes_unsaved = False  # they cannot be saved, which has been said
         self._constraints = FeasibilityFirst(task.constraints)
         self.progress = Progress()
         self._wall_start = self._last_checkpoint = time.perf_counter()
@@ -131,6 +132,7 @@ class Trainer:
             Interrupted: If asked to stop; the run can be resumed.
         """
         self._restore(self._log.load_checkpoint())
+        self._saved_lanes()  # says at the start if they cannot be saved
         while self.progress.env_steps < self._settings.budget:
             self._evaluate_if_due()
             with self._timed("tuner_seconds"):
@@ -306,9 +308,31 @@ class Trainer:
         return {
             "progress": progress,
             "tuner": self._tuner.state(),
-            "lanes": self._executor.state() if self._save_lanes else None,
+            "lanes": self._saved_lanes(),
             "constraints": self._constraints.state(),
         }
+
+    def _saved_lanes(self) -> Any:
+        """Return the lanes' state; None, said once, if there is something that cannot be saved."""
+        if self._lanes_unsaved:
+            return None
+        try:
+            state = self._executor.state()
+            cloudpickle.dumps(state)
+        except Exception as error:  # whatever a user's environment or controller raises
+            self._lanes_unsaved = True
+            reason = error if isinstance(error, ZoacError) else f"{type(error).__name__}: {error}"
+            more = ""
+            if self._task.restore_fault is not None:
+                more = "no two segments begin in one state, held-out episodes end a lane's own, "
+            print(
+                f"the environment or controller cannot be saved ({reason}): {more}"
+                "if this run is stopped, it goes on with new episodes, and so not to the same "
+                "bits; lane_restarts in result.json counts that",
+                file=sys.stderr,
+            )
+            return None
+        return state
 
     def _restore(self, state: dict[str, Any] | None) -> None:
         if state is None:

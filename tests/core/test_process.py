@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests import support
-from zoac.errors import ControllerError, WorkerError
+from zoac.errors import ControllerError, UnsavableError, WorkerError
 from zoac.executor import Serial
 from zoac.process import Process
 
@@ -69,7 +69,7 @@ def test_lanes_that_cannot_be_saved_run_in_workers_as_in_this_process(processes)
 def test_asking_for_lanes_that_cannot_be_saved_says_so_and_leaves_the_worker(processes):
     processes.start(support.LockedTask(), 2, seed=0)
     before = [w._process.pid for w in processes._workers]
-    with pytest.raises(TypeError, match="pickle"):
+    with pytest.raises(UnsavableError, match="TypeError: cannot pickle"):
         processes.state()
     processes.rollout([support.proposal(0, horizon=4)])
     assert [w._process.pid for w in processes._workers] == before

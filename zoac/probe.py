@@ -1,0 +1,118 @@
+"""What a run finds out about an environment, by trying it, before it relies on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import zip_longest
+
+import cloudpickle
+import numpy as np
+
+from zoac.environment import LaneEnv
+
+STEPS = 20
+"""Steps of the trial from a saved state, and again after the next reset."""
+
+SEEDS = (1, 2)
+"""Of the episode that is saved and of the one after it."""
+
+
+def restore_fault(make_env: Callable[[int], LaneEnv], pickled: bool = False) -> str | None:
+    """Save an environment in mid-episode, put it back, and compare how it goes on.
+
+    The environment runs on for `STEPS` steps and into another episode. Put back, it must show the
+    same bits again.
+
+    Args:
+        make_env: Makes an environment of n lanes; what it makes is closed again.
+        pickled: The state goes through a pickle into another environment, as a checkpoint does.
+
+    Returns:
+        What went wrong, for people to read; None: nothing.
+    """
+    env = make_env(1)
+    other = make_env(1) if pickled else env
+    shape = env.single_action_space.shape or ()
+    actions = np.random.default_rng(0).standard_normal((STEPS, *shape))
+    try:
+        _stand_in_mid_episode(env, actions)
+        try:
+            state = env.state([0])
+            if pickled:
+                state = cloudpickle.loads(cloudpickle.dumps(state))
+            expected = _onwards(env, actions)
+            other.restore([0], state)
+        except Exception as error:  # whatever a user's environment raises when it is copied
+            return f"copying it raised {type(error).__name__}: {error}"
+        found = _onwards(other, actions)
+    finally:
+        env.close()
+        other.close()
+    if (step := first_difference(expected, found)) is None:
+        return None
+    shown = found[min(step, len(found) - 1)]
+    if isinstance(shown, str):
+        return f"put back to where it stood, it fails: {shown}"
+    return (
+        f"put back to where it stood, it goes on otherwise at step {step + 1}: "
+        f"{'pickle' if pickled else 'deepcopy'} misses a part, shares it or builds it anew"
+    )
+
+
+def _stand_in_mid_episode(env: LaneEnv, actions: np.ndarray) -> None:
+    """Step up to `STEPS` / 2 steps into an episode, fewer if it ends before."""
+    for steps in (STEPS // 2, 3, 1, 0):
+        rows = played(env, actions[:steps], SEEDS[0])
+        if len(rows) == steps + 1 and not _ended(rows):
+            return
+
+
+def _onwards(env: LaneEnv, actions: np.ndarray) -> list[bytes | str]:
+    return played(env, actions) + played(env, actions, SEEDS[1])
+
+
+def _ended(rows: list[bytes | str]) -> bool:
+    return isinstance(rows[-1], str) or rows[-1].endswith(b"\x01")
+
+
+def played(env: LaneEnv, actions: np.ndarray, seed: int | None = None) -> list[bytes | str]:
+    """Return what each step of one lane shows, up to the end of its episode.
+
+    Args:
+        env: An environment of one lane.
+        actions: (T, m).
+        seed: Of a new episode; None: go on.
+
+    Returns:
+        Observation, cost and end as bytes, or what was raised; with `seed` the reset's first.
+    """
+    rows: list[bytes | str] = []
+    try:
+        for row in _rows(env, actions, seed):
+            rows.append(row)
+            if _ended(rows):
+                break
+    except Exception as error:  # whatever a user's environment raises
+        rows.append(f"{type(error).__name__}: {error}")
+    return rows
+
+
+def _rows(env: LaneEnv, actions: np.ndarray, seed: int | None) -> Iterator[bytes | str]:
+    if seed is not None:
+        observations, infos = env.reset(seed=[seed])
+        yield _row(infos, observations[0], np.zeros(1, bool))
+    for action in actions:
+        observations, _, terminated, truncated, infos = env.step(action[None])
+        yield _row(infos, observations[0], infos["cost"], terminated | truncated)
+
+
+def _row(infos: dict, *shown: np.ndarray) -> bytes | str:
+    if (failure := infos.get("failures", {}).get(0)) is not None:
+        return str(failure)
+    return b"".join(np.ascontiguousarray(array).tobytes() for array in shown)
+
+
+def first_difference(one: list[bytes | str], other: list[bytes | str]) -> int | None:
+    """Return the first step at which what `played` returned differs; None: nowhere."""
+    rows = enumerate(zip_longest(one, other))
+    return next((step for step, (a, b) in rows if a != b), None)
