@@ -70,6 +70,16 @@ def add_variant(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_trust(parser: argparse.ArgumentParser) -> None:
+    """Add --trust-code, for commands that build the task of a run again."""
+    parser.add_argument(
+        "--trust-code",
+        action="store_true",
+        help="load modules that run folders name, and pickles that they hold, to build their tasks "
+        "again; either can do anything, so only for folders of people whom you trust",
+    )
+
+
 def add_formats(parser: argparse.ArgumentParser) -> None:
     """Add --format, a list of picture formats."""
 
@@ -107,17 +117,18 @@ def guarded(
     return 0
 
 
-def load_aloud(root: Path, *, episodes: bool = True) -> Collection:
+def load_aloud(root: Path, *, episodes: bool = True, trust_code: bool = False) -> Collection:
     """Load runs; name on stderr each folder that is left out, and why.
 
     Args:
         root: A folder of runs, or one run folder.
         episodes: Whether the cost of each episode is needed.
+        trust_code: Whether a replay may load code that is not zoac's own.
 
     Raises:
         RunFolderError: If nothing can be read, or episodes are needed and were not kept.
     """
-    collection = load(root)
+    collection = load(root, trust_code=trust_code)
     for run in collection.finished if episodes else ():
         _ = run.costs
     for item in collection.left_out:

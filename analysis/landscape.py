@@ -50,12 +50,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--points", type=cli.count, default=25, help="along each parameter; default: 25"
     )
     parser.add_argument("--episodes", type=cli.count, default=8, help="per point; default: 8")
+    cli.add_trust(parser)
     cli.add_formats(parser)
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
-    collection = cli.load_aloud(options.runs)
+    collection = cli.load_aloud(options.runs, trust_code=options.trust_code)
     collection = collection.of_task(options.task or cli.only_task(collection))
     if options.variant is not None:
         collection = collection.of_variant(options.variant)

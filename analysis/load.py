@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +32,14 @@ NEEDED = {
 """Keys without which a file says too little."""
 
 
-def load(root: str | Path) -> Collection:
+def load(root: str | Path, *, trust_code: bool = False) -> Collection:
     """Read every run folder below `root`, or `root` itself; skip folders that begin with a dot.
 
     A folder that `zoac.analysis.compact` wrote is read likewise.
+
+    Args:
+        root: The folder.
+        trust_code: Whether a replay of these runs may load code that is not zoac's own.
 
     Raises:
         RunFolderError: If `root` is no folder, holds no run, or two folders hold the same run.
@@ -55,7 +60,7 @@ def load(root: str | Path) -> Collection:
     if not runs:
         found = "".join(f"\n  {item}" for item in skipped)
         raise RunFolderError(f"no readable run below {str(root)!r}{':' if found else ''}{found}")
-    runs.sort(key=order)
+    runs = [replace(run, trusted=trust_code) for run in sorted(runs, key=order)]
     _refuse_copies(runs)
     return Collection(tuple(runs), tuple(skipped))
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zoac.analysis.runs import Run
-from zoac.errors import ConfigError, RunFolderError
 from zoac.evaluation import evaluation_proposals
 from zoac.rollout import LaneGroup
 from zoac.segments import Proposal, Segment
@@ -26,19 +25,14 @@ LANES = 256
 
 
 def rebuild(run: Run) -> Task:
-    """Return the task that `run` tuned, from its configuration.
+    """Return the task that `run` tuned.
 
     Raises:
-        RunFolderError: If it cannot be built here.
+        RunFolderError: If it cannot be built here, or needs code and the run is not `trusted`.
     """
-    from zoac.results import task_from_config, task_of_run
+    from zoac.results import task_of_run
 
-    if "_target_" not in run.config["task"]:  # of `zoac.tune`, with a user's own objects
-        return task_of_run(run.folder)
-    try:
-        return task_from_config(run.config)
-    except ConfigError as error:
-        raise RunFolderError(f"{run.folder}: its task cannot be built again: {error}") from None
+    return task_of_run(run.folder, run.config, trust_code=run.trusted)
 
 
 def demonstrate(task: Task, controllers: Sequence[Mapping[str, float]]) -> list[Segment]:

@@ -32,11 +32,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--no-replay", action="store_true", help="do not drive controllers for closed-loop plots"
     )
+    cli.add_trust(parser)
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
-    collection = cli.load_aloud(options.runs)
+    collection = cli.load_aloud(options.runs, trust_code=options.trust_code)
     if options.variant is not None:
         collection = collection.of_variant(options.variant)
     if options.task is not None:

@@ -85,13 +85,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--plants", type=cli.count, default=20, help="plants drawn; default: 20")
     parser.add_argument("--episodes", type=cli.count, default=8, help="per plant; default: 8")
+    cli.add_trust(parser)
     cli.add_formats(parser)
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
     ranges = dict(_parsed(text) for text in options.vary)
-    collection = cli.load_aloud(options.runs)
+    collection = cli.load_aloud(options.runs, trust_code=options.trust_code)
     collection = collection.of_task(options.task or cli.only_task(collection))
     if options.variant is not None:
         collection = collection.of_variant(options.variant)

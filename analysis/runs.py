@@ -34,12 +34,14 @@ class Run:
         identity: run.json.
         metrics: The lines of metrics.jsonl.
         result: result.json; None while the run is not finished.
+        trusted: Whether a replay may load code that is not zoac's own.
     """
 
     folder: Path
     identity: Mapping[str, Any]
     metrics: Sequence[Mapping[str, Any]]
     result: Mapping[str, Any] | None
+    trusted: bool = False
 
     @property
     def method(self) -> Method:

@@ -49,12 +49,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="write a .gif or .mp4 of one run, before and after tuning, instead",
     )
     parser.add_argument("--tuner", help="keep to this tuner; --animate: default zoac")
+    cli.add_trust(parser)
     cli.add_formats(parser)
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
-    collection = cli.load_aloud(options.runs)
+    collection = cli.load_aloud(options.runs, trust_code=options.trust_code)
     collection = collection.of_task(options.task or cli.only_task(collection))
     if options.variant is not None:
         collection = collection.of_variant(options.variant)

@@ -13,6 +13,7 @@ from zoac.checks import TARGET
 from zoac.errors import RunFolderError
 from zoac.export import TunedController, export
 from zoac.task import Task
+from zoac.trust import foreign_code
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,6 +38,7 @@ class Result:
         folder: The run folder, with everything that was logged.
         record: The content of `result.json`: metrics, violations, the gate's verdict, times.
         task: What was tuned; None if it is to be found again from the folder.
+        trust_code: Whether that may load code that the folder names or holds.
     """
 
     parameters: dict[str, Any]
@@ -47,6 +49,7 @@ class Result:
     folder: Path
     record: Mapping[str, Any] = field(repr=False)
     task: Task | None = field(default=None, repr=False)
+    trust_code: bool = field(default=False, repr=False)
 
     @property
     def history(self) -> pd.DataFrame:
@@ -59,9 +62,11 @@ class Result:
         """Return the tuned controller: `action = controller(observation)`, and `reset()`.
 
         Raises:
-            RunFolderError: If the task is not known and cannot be built from the folder.
+            RunFolderError: If the task is not known, and cannot be built from the folder or needs
+                code that is not trusted.
         """
-        return TunedController(self.task or task_of_run(self.folder), self.parameters)
+        task = self.task or task_of_run(self.folder, trust_code=self.trust_code)
+        return TunedController(task, self.parameters)
 
     def export(self, path: str | Path) -> Path:
         """Write the parameters as `.yaml`, `.json`, `.h` (C) or `.m` (MATLAB); return the path.
@@ -74,31 +79,31 @@ class Result:
         return export(self.parameters, path, units)
 
 
-def load_result(folder: str | Path, task: Task | None = None) -> Result:
+def load_result(
+    folder: str | Path, task: Task | None = None, *, trust_code: bool = False
+) -> Result:
     """Return the result of a finished run, by `zoac.tune` or the command line.
 
+    This reads numbers and text. Only `Result.controller` needs the task.
+
     Args:
-        folder: The run folder. It may hold a pickle, as checkpoints do: load only what you trust.
+        folder: The run folder.
         task: What was tuned, where it cannot be found again from the folder.
+        trust_code: Let `Result.controller` load modules that the folder names, and the pickle that
+            it may hold. Either can run any code: only for folders of people whom you trust.
 
     Raises:
-        RunFolderError: If there is no finished run, or it does not say which parameters were fixed
-            and its task cannot be built.
+        RunFolderError: If there is no finished run, or `run.json` does not say which parameters
+            were fixed.
     """
     folder = Path(folder)
-    record = records.read_result(folder)
-    return result_of(record, _fixed_parameters(folder, task), folder, task)
-
-
-def _fixed_parameters(folder: Path, task: Task | None) -> Mapping[str, float]:
-    """Return the parameters that a run did not tune, by name."""
-    run = records.read_run(folder)
-    if "fixed" in run:
-        return run["fixed"]
-    noted = run["config"]["task"]
-    if TARGET not in noted:  # a task that was no YAML file
-        return noted.get("fixed", {})
-    return (task or task_of_run(folder)).fixed  # a run of before `run.json` had them
+    record, run = records.read_result(folder), records.read_run(folder)
+    if "fixed" not in run:
+        raise RunFolderError(
+            f"{folder / records.RUN} does not say which parameters were fixed; expected the key "
+            "'fixed', as this version of zoac writes it"
+        )
+    return result_of(record, run["fixed"], folder, task, trust_code)
 
 
 def result_of(
@@ -106,6 +111,7 @@ def result_of(
     fixed: Mapping[str, float],
     folder: Path,
     task: Task | None,
+    trust_code: bool = False,
 ) -> Result:
     """Return the result of a run whose `result.json` holds `record`."""
     return Result(
@@ -117,30 +123,51 @@ def result_of(
         folder=folder,
         record=record,
         task=task,
+        trust_code=trust_code,
     )
 
 
-def task_of_run(folder: Path) -> Task:
-    """Return the task that a run tuned, from its folder.
+def task_of_run(
+    folder: Path, config: Mapping[str, Any] | None = None, *, trust_code: bool = False
+) -> Task:
+    """Return the task that a run tuned: from its configuration, or from the pickle that it kept.
+
+    Args:
+        folder: The run folder.
+        config: The run's configuration, if it is known.
+        trust_code: Whether that may load code that is not zoac's own.
 
     Raises:
-        RunFolderError: If it cannot be built.
+        RunFolderError: If it cannot be built, or needs code that is not trusted.
     """
+    if config is None:
+        config = records.read_run(folder)["config"]
+    by_config, pickled = TARGET in config["task"], folder / records.TASK
+    if not by_config and not pickled.is_file():
+        raise _not_built(folder, "it could not be pickled")
+    needed = foreign_code(config["task"]) if by_config else [f"the pickle {pickled.name}"]
+    if needed and not trust_code:
+        raise RunFolderError(
+            f"{folder}: its task would load code that is not zoac's own ({', '.join(needed)}). "
+            "Such code can do anything. If you trust who wrote it, allow it: trust_code=True in "
+            "load_result, --trust-code at a command"
+        )
+    try:
+        return task_from_config(config) if by_config else _unpickled(pickled)
+    except Exception as error:  # whatever the modules that it needs raise
+        raise _not_built(folder, f"{type(error).__name__}: {error}") from error
+
+
+def _not_built(folder: Path, reason: str) -> RunFolderError:
+    return RunFolderError(
+        f"{folder}: its task cannot be built again ({reason}); give it to load_result"
+    )
+
+
+def _unpickled(path: Path) -> Task:
     import cloudpickle
 
-    pickled = folder / records.TASK
-    try:
-        if pickled.is_file():
-            return cloudpickle.loads(pickled.read_bytes())
-        config = records.read_run(folder)["config"]
-        if TARGET in config["task"]:
-            return task_from_config(config)
-        reason = "it could not be pickled"
-    except Exception as error:  # whatever the modules that it needs raise
-        reason = f"{type(error).__name__}: {error}"
-    raise RunFolderError(
-        f"{folder}: the task cannot be had from the run folder ({reason}); give it to load_result"
-    )
+    return cloudpickle.loads(path.read_bytes())
 
 
 def keep_task(task: Task, folder: Path) -> None:

@@ -30,7 +30,7 @@ def test_a_task_is_rebuilt_with_the_options_of_its_run(tmp_path: Path) -> None:
 
 
 def test_a_task_that_cannot_be_rebuilt_is_one_message(tmp_path: Path) -> None:
-    folder = write_run(tmp_path, config={"task": {"_target_": "nowhere.Task"}})
+    folder = write_run(tmp_path, config={"task": {"_target_": "zoac.tasks.nowhere.Task"}})
     with pytest.raises(RunFolderError, match="its task cannot be built again"):
         replay.rebuild(read(folder))
 

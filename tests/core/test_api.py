@@ -209,7 +209,7 @@ def test_a_folder_can_be_begun_anew(tmp_path):
     tune(folder=tmp_path / "run")
     again = tune(folder=tmp_path / "run", controller=other, resume="overwrite")
     assert again.parameters == tune(controller=other).parameters
-    kept = task_of_run(tmp_path / "run").make_controller()
+    kept = task_of_run(tmp_path / "run", trust_code=True).make_controller()
     action, *_ = kept.act({"k": np.array([1.0])}, np.array([[2.0]]), kept.init(1))
     assert action == other({"k": 1.0}, [2.0])
     with pytest.raises(ConfigError, match="auto, never, overwrite"):

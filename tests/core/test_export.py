@@ -156,7 +156,7 @@ def test_a_folder_that_is_not_there_is_named(tmp_path):
 
 def test_a_loaded_controller_that_remembers_acts_as_the_tuned_one(tmp_path):
     result = tuned(Integrator(), tmp_path / "run", space={"k": (0.0, 1.0), "unused": 2.0})
-    loaded = zoac.load_result(tmp_path / "run")
+    loaded = zoac.load_result(tmp_path / "run", trust_code=True)
     assert loaded.parameters == result.parameters
     assert loaded.parameters["unused"] == 2.0
     controller = loaded.controller()

@@ -50,9 +50,7 @@ def told(folder, **changes):
     (folder / "run.json").write_text(json.dumps(kept))
 
 
-@pytest.mark.parametrize("fixed", [None, {"bias": 0.125}])
-def test_fixed_parameters_are_loaded_and_exported(folder, tmp_path, fixed):
-    told(folder, fixed=fixed)
+def test_fixed_parameters_are_loaded_and_exported(folder, tmp_path):
     result = zoac.load_result(folder)
     assert set(result.parameters) == {"k", "bias"}
     assert result.parameters["bias"] == 0.125
@@ -60,13 +58,26 @@ def test_fixed_parameters_are_loaded_and_exported(folder, tmp_path, fixed):
     assert written == result.parameters
 
 
-def test_without_its_module_a_run_that_does_not_name_its_fixed_parameters_says_so(
-    folder, tmp_path, monkeypatch
-):
+def test_parameters_need_no_code(folder, tmp_path):
     (tmp_path / "load_result_plant.py").unlink()
     sys.modules.pop("load_result_plant", None)
-    told(folder, fixed={"bias": 0.125})
-    assert zoac.load_result(folder).parameters["bias"] == 0.125
-    told(folder, fixed=None)
+    result = zoac.load_result(folder, trust_code=True)
+    assert result.parameters["bias"] == 0.125
     with pytest.raises(RunFolderError, match="no module 'load_result_plant'.*give it to load_res"):
+        result.controller()
+
+
+def test_a_run_that_does_not_name_its_fixed_parameters_is_refused(folder):
+    told(folder, fixed=None)
+    with pytest.raises(RunFolderError, match="which parameters were fixed"):
         zoac.load_result(folder)
+
+
+def test_a_module_is_loaded_only_if_it_is_trusted(folder):
+    sys.modules.pop("load_result_plant", None)
+    with pytest.raises(
+        RunFolderError, match="task.env: load_result_plant.Drift, task.controller: l"
+    ):
+        zoac.load_result(folder).controller()
+    assert "load_result_plant" not in sys.modules
+    assert zoac.load_result(folder, trust_code=True).controller()([2.0]).shape == (1,)

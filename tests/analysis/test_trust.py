@@ -1,0 +1,150 @@
+"""A run folder of somebody else runs nothing here, whichever command reads it, unless asked for."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import sys
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import zoac
+from tests.analysis.folders import NOMINAL, PID, write_run
+from zoac.config import compose_config, resolved
+from zoac.errors import RunFolderError
+from zoac.results import task_of_run
+from zoac.trust import foreign_code
+
+ROOT = Path(__file__).parents[2]
+COMMANDS = sorted(p.stem for p in (ROOT / "analysis").glob("*.py") if "def main(" in p.read_text())
+REPLAYING = {"landscape", "report", "robustness", "trajectories"}
+MODULE = """
+from pathlib import Path
+from zoac.tasks.pid_acc import PidAcc
+
+Path({trace!r}).touch()
+
+class Task(PidAcc):
+    pass
+"""
+
+
+class Trap:
+    """Leaves a trace when its pickle is opened."""
+
+    def __init__(self, trace: Path) -> None:
+        self._trace = trace
+
+    def __reduce__(self) -> Any:
+        return Path.touch, (self._trace,)
+
+
+@pytest.fixture
+def trace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The file that a trap leaves behind; `trap` is a module that does so when it is imported."""
+    found = tmp_path / "trace"
+    (tmp_path / "modules").mkdir()
+    (tmp_path / "modules" / "trap.py").write_text(MODULE.format(trace=str(found)))
+    monkeypatch.syspath_prepend(str(tmp_path / "modules"))
+    yield found
+    sys.modules.pop("trap", None)
+
+
+def kinds(trace: Path) -> dict[str, Any]:
+    """Return configurations of a task that would leave the trace."""
+    user = {"_target_": "zoac.adapters.user_task", "env": "CartPole-v1", "space": {"k": [0, 1]}}
+    inner = {"_target_": "trap.Task"}
+    return {
+        "pickle": {"space": [], "fixed": {}},
+        "module": inner,
+        "callable": {"_target_": "os.system", "command": f"touch {trace}"},
+        "callable seen from zoac": {"_target_": "zoac.session.os.system", "command": "true"},
+        "function of zoac": {"_target_": "zoac.records.write_atomically", "path": str(trace)},
+        "maker of zoac": {"_target_": "zoac.api.make_task", "name": "trap"},
+        "solver": {"_target_": "zoac.tasks.mpc_tracking.MpcTracking", "solver": inner},
+        "in a list": {**PID, "more": [inner]},
+        "env": {**user, "env": "trap.Env", "controller": "zoac.tasks.pid_acc.PidAcc"},
+        "env's module": {**user, "env": "trap:CartPole-v1", "controller": "trap.act"},
+        "controller": {**user, "controller": "trap.act"},
+        "constraint": {**user, "controller": "trap.act", "constraints": {"x": "trap.x"}},
+    }
+
+
+@pytest.fixture(params=kinds(Path()))
+def foreign(request: pytest.FixtureRequest, tmp_path: Path, trace: Path) -> Path:
+    """Runs that are traps: in the configuration, in the kept task, in the checkpoint."""
+    root = tmp_path / "runs"
+    task = kinds(trace)[request.param]
+    for tuner, seed in (("zoac", 0), ("zoac", 1), ("nominal", 0)):
+        gains = NOMINAL if tuner == "nominal" else None
+        folder = write_run(root, tuner, seed, gains=gains, config={"task": task})
+        (folder / "task.pkl").write_bytes(pickle.dumps(Trap(trace)))
+        (folder / "checkpoint").mkdir()
+        (folder / "checkpoint" / "current.ckpt").write_bytes(pickle.dumps(Trap(trace)))
+        run = json.loads((folder / "run.json").read_text())
+        (folder / "run.json").write_text(json.dumps({**run, "fixed": {}}))
+    return root
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_no_command_runs_what_a_folder_holds_or_names(
+    command: str, foreign: Path, trace: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module = import_module(f"zoac.analysis.{command}")
+    code = module.main(
+        [str(foreign), "--task", "pid_acc"] if command != "compact" else [str(foreign)]
+    )
+    assert not trace.exists()
+    assert code == (1 if command in REPLAYING - {"report"} else 0)
+    if code:
+        assert "--trust-code" in capsys.readouterr().err
+
+
+def test_the_film_and_load_result_run_nothing_either(foreign: Path, trace: Path) -> None:
+    film = import_module("zoac.analysis.trajectories")
+    assert film.main([str(foreign), "--animate", str(trace.parent / "film.gif")]) == 1
+    result = zoac.load_result(foreign / "pid_acc" / "zoac" / "seed=0")
+    with pytest.raises(RunFolderError, match="trust_code=True in load_result"):
+        result.controller()
+    assert result.history["env_steps"].max() == 1000
+    assert not trace.exists()
+
+
+def test_what_would_be_loaded_is_named(tmp_path: Path) -> None:
+    folder = write_run(tmp_path, config={"task": {**PID, "solver": {"_target_": "trap.Task"}}})
+    with pytest.raises(RunFolderError, match=r"not zoac's own \(task.solver._target_: trap.Task\)"):
+        task_of_run(folder)
+
+
+def test_what_is_trusted_is_loaded(tmp_path: Path, trace: Path) -> None:
+    folder = write_run(tmp_path, config={"task": {"space": []}})
+    (folder / "task.pkl").write_bytes(pickle.dumps(Trap(trace)))
+    with pytest.raises(RunFolderError, match="the pickle task.pkl"):
+        task_of_run(folder)
+    task_of_run(folder, trust_code=True)
+    assert trace.exists()
+
+
+@pytest.mark.parametrize("command", sorted(REPLAYING))
+def test_each_command_that_replays_takes_trust(
+    command: str, tmp_path: Path, trace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_run(tmp_path / "runs", config={"task": {**PID, "_target_": "trap.Task"}})
+    module = import_module(f"zoac.analysis.{command}")
+    assert module.main([str(tmp_path / "runs"), "--trust-code"]) == 0
+    assert trace.exists()
+
+
+def choices(group: str) -> list[str]:
+    return sorted(path.stem for path in (ROOT / "conf" / group).glob("*.yaml"))
+
+
+@pytest.mark.parametrize("solver", choices("mpc_solver"))
+@pytest.mark.parametrize("task", choices("task"))
+def test_no_task_of_zoac_needs_trust(task: str, solver: str) -> None:
+    config = resolved(compose_config([f"task={task}", f"mpc_solver={solver}"]))
+    assert foreign_code(config["task"]) == []
