@@ -79,7 +79,7 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
         observation_size=shape[0],
         lanes=settings.lanes,
         budget=settings.budget,
-        max_episode_steps=env.max_episode_steps,
+        max_episode_steps=task.horizon.steps,
         seed=settings.seed,
         nominal=None if task.nominal is None else task.space.unit(task.nominal),
         branches=task.restore_fault is None,

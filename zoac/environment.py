@@ -29,6 +29,11 @@ class LaneEnv(VectorEnv, ABC):
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.DISABLED, "render_modes": []}
 
+    limited = True
+    """Episodes are truncated at `max_episode_steps`. False: one that gets there is an error."""
+    remarks: tuple[str, ...] = ()
+    """What a user should know before a run, a sentence each."""
+
     def __init__(
         self,
         num_envs: int,

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
-from gymnasium.wrappers import TimeLimit
+from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 
 from zoac.environment import LaneEnv
 from zoac.errors import (
@@ -25,9 +25,8 @@ from zoac.seeding import stream
 
 Bounds = tuple[float, float] | list[float]
 
-LONGEST_EPISODE = 50_000
-"""Steps after which an episode that nothing limits is an error: the whole budget of `zoac.tune`,
-unless told otherwise. An environment that never ends would never come back."""
+LONGEST_EPISODE = 10_000
+"""Steps after which an episode that nothing limits is an error."""
 
 
 class GymnasiumLanes(LaneEnv):
@@ -78,8 +77,9 @@ class GymnasiumLanes(LaneEnv):
                 f"the environment's actions are {first.action_space}; expected a Box or Discrete"
             )
         limit = max_episode_steps or _own_limit(first)
-        super().__init__(len(envs), observations, actions, limit or np.iinfo(np.int64).max)
-        self._unlimited = limit is None
+        super().__init__(len(envs), observations, actions, limit or LONGEST_EPISODE)
+        self.limited = limit is not None
+        self.remarks = tuple(_drifting(first))
         self._envs = list(envs)
         self._make, self._objective = make, Objective(objective)
         self._plant = {name: float(value) for name, value in (plant or {}).items()}
@@ -159,13 +159,12 @@ class GymnasiumLanes(LaneEnv):
                 failures[lane], terminated[lane] = failure, False
                 continue
             over_time = self._steps[lane] >= self.max_episode_steps
-            truncated[lane] = (cut or over_time) and not terminated[lane]
-            too_long = self._unlimited and self._steps[lane] >= LONGEST_EPISODE
-            if too_long and not (terminated[lane] or truncated[lane]):
+            if over_time and not (self.limited or terminated[lane] or cut):
                 raise ConfigError(
-                    f"an episode has not ended after {LONGEST_EPISODE:,} steps; the environment "
-                    "needs a time limit: give max_episode_steps"
+                    f"an episode has not ended after {self.max_episode_steps:,} steps; the "
+                    "environment needs a time limit: give max_episode_steps"
                 )
+            truncated[lane] = (cut or over_time) and not terminated[lane]
         return self._seen.copy(), -cost, terminated, truncated, {"cost": cost, "failures": failures}
 
     def _call(self, lane: int, method: str, *arguments: Any, **options: Any) -> Any:
@@ -263,6 +262,19 @@ def copy_of(env: gymnasium.Env) -> gymnasium.Env:
                 f"{value!r}; {remedy}"
             )
     return twin
+
+
+def _drifting(env: gymnasium.Env) -> Iterator[str]:
+    """Yield a warning for each wrapper that scales by running statistics."""
+    while isinstance(env, gymnasium.Wrapper):
+        if isinstance(env, NormalizeReward | NormalizeObservation) and env.update_running_mean:
+            what = "costs" if isinstance(env, NormalizeReward) else "observations"
+            yield (
+                f"{type(env).__name__} scales by running statistics, so the same episode gives "
+                f"other {what} later in the run, and lanes differ: remove the wrapper, or set its "
+                "update_running_mean to False once its statistics are final"
+            )
+        env = env.env
 
 
 def _own_limit(env: gymnasium.Env) -> int | None:

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import zip_longest
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import cloudpickle
 import numpy as np
 
 from zoac.environment import LaneEnv
+from zoac.rollout import LaneGroup
+from zoac.segments import Proposal
+
+if TYPE_CHECKING:
+    from zoac.task import Task
 
 STEPS = 20
 """Steps of the trial from a saved state, and again after the next reset."""
@@ -59,6 +65,56 @@ def restore_fault(make_env: Callable[[int], LaneEnv], pickled: bool = False) -> 
     )
 
 
+EPISODES = 3
+"""Episodes from which the length of those without a time limit is told."""
+
+
+class Horizon(NamedTuple):
+    """How long the episodes of a task are.
+
+    Args:
+        steps: Of the longest one.
+        source: "limit": that is the time limit; "truncation": the environment truncated its first
+            episodes by itself; "termination": they terminated, and others may be longer.
+    """
+
+    steps: int
+    source: Literal["limit", "truncation", "termination"]
+
+    @property
+    def remark(self) -> str:
+        """What the first lines of a run say of it; nothing where there is a time limit."""
+        told = {
+            "limit": "",
+            "truncation": "truncated by the environment itself after {:,} steps",
+            "termination": f"no time limit; {{:,}} steps in the longest of {EPISODES}, with which "
+            "the tuner plans; give max_episode_steps if others take longer",
+        }
+        return told[self.source].format(self.steps)
+
+
+def horizon(task: Task) -> Horizon:
+    """Return the time limit; where there is none, run episodes with the nominal parameters.
+
+    Without nominal parameters those in the middle of the space are taken.
+
+    Raises:
+        ConfigError: If an episode does not end.
+    """
+    env = task.make_env(1)
+    env.close()
+    if env.limited:
+        return Horizon(env.max_episode_steps, "limit")
+    z = np.zeros(task.space.dimension) if task.nominal is None else task.space.unit(task.nominal)
+    group = LaneGroup(task, [0], [SEEDS[0]])
+    try:
+        segments = group.rollout([Proposal(z, 0)] * EPISODES)
+    finally:
+        group.close()
+    longest = max(segments, key=lambda s: s.length)
+    return Horizon(longest.length, "truncation" if longest.truncated else "termination")
+
+
 def _stand_in_mid_episode(env: LaneEnv, actions: np.ndarray) -> None:
     """Step up to `STEPS` / 2 steps into an episode, fewer if it ends before."""
     for steps in (STEPS // 2, 3, 1, 0):
@@ -106,7 +162,7 @@ def _rows(env: LaneEnv, actions: np.ndarray, seed: int | None) -> Iterator[bytes
         yield _row(infos, observations[0], infos["cost"], terminated | truncated)
 
 
-def _row(infos: dict, *shown: np.ndarray) -> bytes | str:
+def _row(infos: dict[str, Any], *shown: np.ndarray) -> bytes | str:
     if (failure := infos.get("failures", {}).get(0)) is not None:
         return str(failure)
     return b"".join(np.ascontiguousarray(array).tobytes() for array in shown)

@@ -158,6 +158,8 @@ class Console:
         self._name = f"{run['task']} {run['tuner']} seed={run['seed']}{variant}"
         told = f", minimising {run['objective']}" if run.get("objective") else ""
         self._print(f"{self._name}: {self._budget:,} steps{told}")
+        if run.get("episodes"):
+            self._print(f"  episodes: {run['episodes']}")
         for choice, value in run["tuner_choices"].items():
             self._print(f"  {choice}: {value}")
 

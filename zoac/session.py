@@ -172,6 +172,7 @@ def execute(run: Run, folder: Path) -> dict[str, Any]:
         record = _run_record(run)
         _tell_what_differs(folder, record)
         log = RunLog(folder, record, run.sinks)
+        _tell_remarks(run.task)
         try:
             run.executor.start(run.task, run.settings.lanes, run.settings.seed)
             with _stop_on_signal() as stop:
@@ -182,6 +183,14 @@ def execute(run: Run, folder: Path) -> dict[str, Any]:
         finally:
             run.executor.close()
             log.close()
+
+
+def _tell_remarks(task: Task) -> None:
+    """Say what a user should know of the environment before the run."""
+    env = task.make_env(1)
+    env.close()
+    for remark in env.remarks:
+        print(remark, file=sys.stderr)
 
 
 def _make(folder: Path) -> None:
@@ -333,6 +342,7 @@ def _run_record(run: Run) -> dict[str, Any]:
         "config_hash": records.config_hash(run.config),
         "command": list(run.command),
         "objective": run.task.objective,
+        "episodes": run.task.horizon.remark,
         "tuner_choices": run.tuner.describe(),
         "parameters": [asdict(p) for p in run.task.space.parameters],
         "fixed": dict(run.task.fixed),

@@ -225,6 +225,11 @@ class Task(ABC):
         """Why a lane cannot be saved and put back into another environment; None: it can."""
         return self.restore_fault or probe.restore_fault(self.make_env, pickled=True)
 
+    @cached_property
+    def horizon(self) -> probe.Horizon:
+        """How long episodes are."""
+        return probe.horizon(self)
+
     def tuning_costs(self, segment: Segment) -> np.ndarray:
         """Return the costs (T,) that a tuner sees; evaluation always reports the plain ones."""
         return segment.costs

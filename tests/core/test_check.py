@@ -66,8 +66,18 @@ def test_an_action_of_the_wrong_shape_is_named():
     assert "shape" in verdicts["shapes and bounds"].text
 
 
-def test_an_environment_without_a_time_limit_is_named():
-    assert not check.episodes_end(task(max_episode_steps=None))[0]
+@pytest.mark.parametrize(
+    ("controller", "told"),
+    [
+        (act, "not ended after 10,000 steps"),
+        (lambda p, o: 1.0, "nothing ends an episode for certa"),
+    ],
+)
+def test_an_environment_without_a_time_limit_is_named(controller, told):
+    verdicts = check.check(task(controller=controller, max_episode_steps=None))
+    (verdict,) = [v for v in verdicts if v.name == "episodes end"]
+    assert not verdict.good
+    assert told in verdict.text
 
 
 class Unseeded(Drift):

@@ -7,7 +7,12 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils import EzPickle
-from gymnasium.wrappers import FrameStackObservation, TimeLimit
+from gymnasium.wrappers import (
+    FrameStackObservation,
+    NormalizeObservation,
+    NormalizeReward,
+    TimeLimit,
+)
 
 import zoac
 from tests.core.test_adapters import Drift
@@ -15,6 +20,7 @@ from tests.support import CountingTask, lane_group, proposal, same_segment
 from zoac import check
 from zoac.adapters import user_task
 from zoac.errors import ConfigError
+from zoac.trainer import Trainer
 
 TASKS = sorted(p.stem for p in (Path(__file__).parents[2] / "conf" / "task").glob("*.yaml"))
 
@@ -215,6 +221,75 @@ def test_an_environment_object_whose_copy_is_another_is_refused():
         task(sick).make_env(1)
     with pytest.raises(ConfigError, match="copying raised TypeError: bolted .*; give a function"):
         task(Bolted()).make_env(1)
+
+
+class SelfTruncating(Cart):
+    def reset(self, **options):
+        self.steps = 0
+        return super().reset(**options)
+
+    def step(self, action):
+        self.steps += 1
+        observation, reward, *_ = super().step(action)
+        return observation, reward, False, self.steps >= 30, {}
+
+
+FEW = {"lanes": 2, "budget": 1500, "episodes": 1, "final_episodes": 2}
+
+
+@pytest.mark.parametrize("tuner", ["zoac", "zoac_plus", "bo", "random"])
+def test_episodes_that_the_environment_truncates_by_itself_are_measured(tuner, capsys):
+    result = zoac.tune(task=task(SelfTruncating), tuner=tuner, **FEW)
+    assert set(result.record["episode_lengths"]) == {30}
+    told = capsys.readouterr().out
+    assert "  episodes: truncated by the environment itself after 30 steps\n" in told
+    assert tuner != "bo" or "evaluations: 50" in told
+
+
+def test_a_time_limit_is_taken_from_who_gives_it():
+    assert task(Cart, max_episode_steps=7).horizon == (7, "limit")
+    assert task(lambda: TimeLimit(Cart(), 9)).horizon == (9, "limit")
+    assert task("Pendulum-v1").horizon == (200, "limit")
+    assert CountingTask(5).horizon == (5, "limit")
+    assert task(SelfTruncating).horizon == (30, "truncation")
+
+
+def test_the_length_of_episodes_that_terminate_is_measured_with_the_start_values():
+    class Tank(Cart):
+        def step(self, action):
+            self.level = getattr(self, "level", 0.0) + abs(float(action[0]))
+            return np.zeros(2), -1.0, self.level > 1.0, False, {}
+
+        def reset(self, **options):
+            self.level = 0.0
+            return super().reset(**options)
+
+    act = {"controller": lambda p, o: p["k"], "space": {"k": (0, 2)}}
+    assert task(Tank, **act).horizon == (2, "termination")
+    slow = task(Tank, **act, start={"k": 0.125})
+    assert slow.horizon == (9, "termination")
+    assert "9 steps in the longest of 3" in slow.horizon.remark
+
+
+def test_an_environment_that_never_ends_is_refused_before_the_run(monkeypatch):
+    monkeypatch.setattr(Trainer, "run", lambda self: pytest.fail("the run began"))
+    with pytest.raises(ConfigError, match="not ended after 10,000 steps.*give max_episode_steps"):
+        zoac.tune(task=task(Cart), tuner="random", quiet=True, **FEW)
+
+
+@pytest.mark.parametrize("wrapper", [NormalizeReward, NormalizeObservation])
+def test_running_statistics_in_the_environment_are_warned_of(wrapper, capsys):
+    def make(running=True):
+        env = wrapper(Cart())
+        env.update_running_mean = running
+        return TimeLimit(env, 20)
+
+    zoac.tune(task=task(make), tuner="random", quiet=True, **FEW)
+    told = capsys.readouterr().err
+    assert told.count(wrapper.__name__) == 1
+    assert "remove the wrapper, or set its update_running_mean to False" in told
+    zoac.tune(task=task(lambda: make(running=False)), tuner="random", quiet=True, **FEW)
+    assert capsys.readouterr().err == ""
 
 
 def test_lanes_do_not_notice_the_trial():
