@@ -13,7 +13,7 @@ from zoac.records import differing_keys
 WITHOUT_TUNING = ("budget", "lanes", "eval_every")
 """Keys that say nothing about a controller that was not tuned."""
 
-OF_TUNER = ("tuner", "trust", "gate", "scout", "common_episodes")
+OF_TUNER = ("tuner", "trust", "gate", "select", "scout", "common_episodes")
 """Keys in which methods may differ: who tunes, and on which terms."""
 
 

@@ -46,6 +46,7 @@ def details(
     title = f"{escape(label)}, seed {run.seed}{which}"
     parts = [
         html.paragraph(_verdict(run, reference)),
+        html.bullets([escape(told) for told in run.outcome.get("warnings", [])], css="warning"),
         _tiles(run),
         html.subtitle("Parameters"),
         _parameters(run),
@@ -86,6 +87,8 @@ def _verdict(run: Run, reference: Run | None) -> str:
             f"{estimate(difference, sign=True)}, paired, "
             "95% over episodes, for this one run"
         )
+    if (baseline := run.outcome.get("start_cost_mean")) is not None:
+        text += f". The start values cost <b>{number(baseline)}</b> on the same episodes"
     return text + "."
 
 

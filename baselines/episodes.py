@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from zoac.errors import ConfigError
+from zoac.held_out import HeldOut
 from zoac.numbers import Count, Share
-from zoac.seeding import stream_seed
 from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem, Tuner
 
@@ -53,7 +53,7 @@ class EpisodeTuner(Tuner):
         self._recommendation = recommendation
         self._share = reevaluate_share if recommendation == "reevaluated" else 0.0
         self._search_steps = int(problem.budget * (1.0 - self._share))
-        self._steps = 0
+        self._steps, self._batch_size = 0, 0
         self._costs = _CostRange()
         self._best = _Best(reevaluate_top, problem.space.dimension)
         self._waiting: list[np.ndarray] = []
@@ -90,24 +90,30 @@ class EpisodeTuner(Tuner):
 
     def ask(self) -> list[Proposal]:
         """Return one whole episode per point."""
-        if self._share and self._final is None and self._steps >= self._search_steps:
-            self._final = _Reevaluation(self._problem.seed, self._best)
+        if self._share and self._final is None and self._search_is_over():
+            self._final = _Reevaluation(self._problem, self._best)
         if self._final is not None:
-            points, seed = self._final.ask()
-        else:
-            points, seed = self._draw(), None
+            return self._final.ask(episodes=1)
         lanes = self._problem.lanes
-        return [Proposal(z=np.array(z), lane=i % lanes, seed=seed) for i, z in enumerate(points)]
+        return [Proposal(z=np.array(z), lane=i % lanes) for i, z in enumerate(self._draw())]
+
+    def _search_is_over(self) -> bool:
+        """Tell whether it is time to re-evaluate; with a small budget, while there is enough."""
+        batch, problem = self._batch_size * self._problem.max_episode_steps, self._problem
+        left = problem.budget - self._steps - batch
+        enough = (len(self._best) + 1) * problem.max_episode_steps
+        return self._steps >= self._search_steps or (len(self._best) > 0 and left < enough)
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Take the cost of each episode."""
         if not segments:
             return {}
+        self._batch_size = max(self._batch_size, len(segments))
         self._steps += sum(segment.length for segment in segments)
+        if self._final is not None:
+            return self._final.numbers(segments)
         with np.errstate(invalid="ignore", over="ignore"):
             costs = np.array([segment.costs.sum() for segment in segments])
-        if self._final is not None:
-            return self._final.tell(costs)
         finite = np.isfinite(costs)
         self._best.add(np.stack([s.proposal.z for s in segments])[finite], costs[finite])
         self._costs.add(costs[finite])
@@ -124,8 +130,8 @@ class EpisodeTuner(Tuner):
 
     def recommend(self) -> np.ndarray:
         """Return what the option `recommendation` says; the box's middle if nothing is known."""
-        if self._final is not None and self._final.rounds:
-            return self._final.best()
+        if self._final is not None and self._final.begun:
+            return self._final.best
         z = None
         if self._recommendation not in ("best_seen", "reevaluated"):
             z = self._own_recommendation()
@@ -148,6 +154,7 @@ class EpisodeTuner(Tuner):
         return {
             "rng": self._rng.bit_generator.state,
             "steps": self._steps,
+            "batch_size": self._batch_size,
             "costs": (self._costs.low, self._costs.high),
             "best": (self._best.points.copy(), self._best.costs.copy()),
             "waiting": [costs.copy() for costs in self._waiting],
@@ -159,13 +166,13 @@ class EpisodeTuner(Tuner):
         """Put back what `state` returned."""
         self._own_restore(state["own"])
         self._rng.bit_generator.state = state["rng"]
-        self._steps = state["steps"]
+        self._steps, self._batch_size = state["steps"], state["batch_size"]
         self._costs = _CostRange(*state["costs"])
         self._best.points, self._best.costs = (array.copy() for array in state["best"])
         self._waiting = [costs.copy() for costs in state["waiting"]]
         self._final = None
         if state["final"] is not None:
-            self._final = _Reevaluation(self._problem.seed, self._best)
+            self._final = _Reevaluation(self._problem, self._best)
             self._final.restore(state["final"])
 
 
@@ -233,37 +240,34 @@ class _Best:
         self.points, self.costs = points[first], costs[first]
 
 
-class _Reevaluation:
-    """More episodes for the best points, each round on one common, held-out start."""
+class _Reevaluation(HeldOut):
+    """More episodes for the best points and the baseline, each round on one common start."""
 
-    def __init__(self, seed: int, best: _Best) -> None:
-        self._seed = seed
-        self._points = best.points
+    def __init__(self, problem: Problem, best: _Best) -> None:
+        super().__init__(problem, "reevaluation")
+        for z in best.points:
+            self.enter(z)
         self._seen = best.costs
-        self._sums = np.zeros(len(best))
-        self.rounds = 0
+        self._told = np.zeros(len(best))  # sums of the costs that a tuner is told, as `_seen` are
+        self.enter_baseline()
 
-    def ask(self) -> tuple[list[np.ndarray], int]:
-        return list(self._points), stream_seed(self._seed, "reevaluation", self.rounds)
-
-    def tell(self, costs: np.ndarray) -> dict[str, float]:
-        # A point that fails once in a held-out episode is out: its mean stays infinite.
-        self._sums += np.where(np.isfinite(costs), costs, np.inf)
-        self.rounds += 1
-        means = self._sums / self.rounds
-        finite = np.isfinite(means)
-        metrics = {"reevaluation_rounds": float(self.rounds)}
-        if finite.any():
-            metrics["reevaluated_best"] = float(means.min())
-            metrics["optimism"] = float((means - self._seen)[finite].mean())
+    def numbers(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """Take a round; return numbers to log."""
+        self.tell(segments)
+        told = np.array([segment.costs.sum() for segment in segments[: len(self._seen)]])
+        self._told += np.where(np.isfinite(told), told, np.inf)
+        rounds, means = len(self.costs), self.costs.mean(axis=0)
+        metrics = {"reevaluation_rounds": float(rounds)}
+        if np.isfinite(means).any():
+            metrics["reevaluated_best"] = float(means[self.ranking[0]])
+        if (finite := np.isfinite(self._told)).any():
+            metrics["optimism"] = float((self._told / rounds - self._seen)[finite].mean())
         return metrics
 
-    def best(self) -> np.ndarray:
-        return self._points[int(np.argmin(self._sums))].copy()
-
     def state(self) -> Any:
-        return self._points.copy(), self._seen.copy(), self._sums.copy(), self.rounds
+        return super().state(), self._seen.copy(), self._told.copy()
 
     def restore(self, state: Any) -> None:
-        points, seen, sums, self.rounds = state
-        self._points, self._seen, self._sums = points.copy(), seen.copy(), sums.copy()
+        episodes, seen, told = state
+        super().restore(episodes)
+        self._seen, self._told = seen.copy(), told.copy()

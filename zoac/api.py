@@ -8,7 +8,6 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +67,7 @@ def tune(
     objective: str = "auto",
     trust: float | None = None,
     gate: float | None = None,
+    select: str | None = None,
     scout: int | None = None,
     common_episodes: bool = False,
     failure_penalty: float | None = None,
@@ -111,6 +111,9 @@ def tune(
             are nearly right): sets how far the tuner searches around them.
         gate: Share of the budget, such as 0.2, for held-out episodes on which the answer must beat
             the start values; else they stay. `result.record["gate"]` tells.
+        select: "best_evaluated": the answer is the best of the recommendations that were evaluated
+            and the start values, on held-out episodes that a fifth of the budget pays for; None:
+            what the tuner recommends at the end.
         scout: Random points, an episode each, of which the best is where the tuner starts.
         common_episodes: Whole episodes that the tuner asks for together begin alike.
         failure_penalty: Cost of a step that fails, which ends its episode: controller or
@@ -164,6 +167,7 @@ def tune(
     config.budget = _whole("budget", budget)
     for name, value in (("trust", trust), ("gate", gate), ("failure_penalty", failure_penalty)):
         config[name] = _number(name, value)
+    config.select = select
     config.scout = None if scout is None else _whole("scout", scout)
     config.common_episodes = common_episodes or None
     if failure_penalty is not None:
@@ -175,7 +179,7 @@ def tune(
     plain = resolved(config)
     if not isinstance(task, str):
         plain["task"] = _identity(the_task, options_of_task)
-    settings = replace(build.build_settings(plain), compare_start=True)
+    settings = build.build_settings(plain)
     identified, doubts = with_code(plain, the_task)
     run = Run(
         identity={"task": _name(task, env), "tuner": tuner, "seed": config.seed},

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from zoac.best_evaluated import SELECTION_SHARE, BestEvaluated
 from zoac.checks import TARGET, check_arguments, check_node, locate
 from zoac.errors import ConfigError
 from zoac.executor import Executor
-from zoac.gate import Gate, search_budget, trusted
+from zoac.gate import Gate, trusted
+from zoac.held_out import search_budget
 from zoac.runlog import Sink
 from zoac.scout import CommonEpisodes, Scout
 from zoac.task import Task
@@ -56,7 +58,7 @@ def build_settings(config: Mapping[str, Any]) -> Settings:
     top = {k: config[k] for k in ("seed", "budget", "lanes", "eval_every", "checkpoint_seconds")}
     top |= {
         k: config[k]
-        for k in ("trust", "gate", "failure_penalty", "scout", "common_episodes")
+        for k in ("trust", "gate", "select", "failure_penalty", "scout", "common_episodes")
         if config.get(k) is not None
     }
     check_arguments(Settings, top, "")
@@ -74,6 +76,7 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
     env = task.make_env(1)
     shape = env.single_observation_space.shape
     assert shape is not None
+    nominal = None if task.nominal is None else task.space.unit(task.nominal)
     whole = Problem(
         space=task.space,
         observation_size=shape[0],
@@ -81,16 +84,51 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
         budget=settings.budget,
         max_episode_steps=task.horizon.steps,
         seed=settings.seed,
-        nominal=None if task.nominal is None else task.space.unit(task.nominal),
+        nominal=nominal,
         branches=task.restore_fault is None,
+        baseline=nominal,
     )
     env.close()
     if settings.trust is not None:
         node = trusted(node, settings.trust)
+    return _tested(node, whole, settings)
+
+
+def _tested(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
+    """Return the tuner, its answer tested against the start values if that is asked for."""
     if settings.gate is None:
-        return _on_terms(node, whole, settings)
-    left = replace(whole, budget=search_budget(whole.budget, settings.gate))
-    return Gate(_on_terms(node, left, settings), whole, settings.gate)
+        return _selected(node, problem, settings)
+    left = replace(problem, budget=search_budget(problem.budget, settings.gate))
+    return Gate(_selected(node, left, settings), problem, settings.gate)
+
+
+def _selected(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
+    """Return the tuner, its answer the best of those evaluated if that is asked for."""
+    if settings.select != "best_evaluated":
+        return _on_terms(node, problem, settings)
+    left = replace(problem, budget=search_budget(problem.budget, SELECTION_SHARE))
+    return BestEvaluated(_on_terms(node, left, settings), problem, settings.eval_every)
+
+
+def baseline_use(node: Mapping[str, Any], task: Task, settings: Settings) -> dict[str, str]:
+    """Return what a run does with the start values, for its first lines; {} if there are none.
+
+    Args:
+        node: The tuner's config node.
+        task: What is tuned.
+        settings: Of the run.
+    """
+    if task.nominal is None:
+        return {}
+    begins = settings.trust is not None or node.get("start") == "nominal"
+    if not begins or settings.scout is not None:
+        told = "only compared, the search does not begin there"
+        more = "; tuner.start=nominal does" if "start" in node else ""
+    else:
+        told = "the search begins there"
+        raced = settings.trust is None and node.get("race_share")
+        more = ", if they win the race against random points" if raced else ""
+    return {"start values": told + more}
 
 
 def _on_terms(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:

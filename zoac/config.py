@@ -82,6 +82,7 @@ class RunSchema:
     variant: str | None = None
     trust: float | None = None
     gate: float | None = None
+    select: str | None = None
     failure_penalty: float | None = None
     scout: int | None = None
     common_episodes: bool | None = None

@@ -17,6 +17,7 @@ Reported costs are never changed; violations are counted beside them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -90,9 +91,12 @@ class FeasibilityFirst:
             return list(seen)
         for segment in seen:
             self._watch(segment)
-        return [
-            s.with_costs(s.costs + self._charge(o)) for o, s in zip(segments, seen, strict=True)
-        ]
+        return [self._charged(o, s) for o, s in zip(segments, seen, strict=True)]
+
+    def _charged(self, original: Segment, seen: Segment) -> Segment:
+        charge = self._charge(original)
+        violation = float(charge.sum()) / self.price
+        return replace(seen, costs=seen.costs + charge, violation=violation)
 
     def _watch(self, segment: Segment) -> None:
         """Let the range of episode costs take in a segment."""

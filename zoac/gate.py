@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from zoac.errors import ConfigError
-from zoac.seeding import stream_seed
+from zoac.held_out import HeldOut, ReservedSteps
+from zoac.paired import MIN_PAIRS, Comparison, compare
 from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem, Tuner
 
 WIDEST, NARROWEST = 0.3, 0.03
 """Standard deviation of the search in the mapped box at trust 0 and at trust 1."""
-
-CONFIDENCE = 0.95
-"""One-sided, with which a candidate must be better than the start."""
 
 
 def spread(trust: float) -> float:
@@ -53,12 +50,12 @@ def trusted(options: Mapping[str, Any], trust: float) -> dict[str, Any]:
     return chosen
 
 
-class Gate(Tuner):
+class Gate(ReservedSteps):
     """A tuner whose answer must beat the start values on held-out episodes, or they stay.
 
     The last share of the budget goes to pairs of episodes from common seeds that the search never
-    saw: one with the start values, one with what the tuner recommends. The recommendation is
-    accepted if its mean cost is lower with 95% confidence (one-sided paired t test).
+    saw: one with the start values, one with what the tuner recommends. Their number is settled
+    before the first; `Comparison` decides after the last. Without it, the start values stay.
     """
 
     def __init__(self, tuner: Tuner, problem: Problem, share: float) -> None:
@@ -73,97 +70,93 @@ class Gate(Tuner):
         """
         if problem.nominal is None:
             raise ConfigError("gate: there are no start values (nominal parameters) to compare to")
-        self._tuner, self._problem, self._start = tuner, problem, problem.nominal
-        self._share = share
-        self._search_steps = search_budget(problem.budget, share)
-        self._steps = 0
-        self._candidate: np.ndarray | None = None
-        self._costs = np.empty((0, 2))  # of each pair: start, candidate
+        super().__init__(tuner, problem, share)
+        self._start = problem.nominal
+        self._pairs = 0  # how many will be run
+        self._episodes = HeldOut(problem, "gate")
 
-    def ask(self) -> list[Proposal]:
-        """Return what the tuner asks, and at last pairs of held-out episodes."""
-        if self._candidate is None:
-            proposals = self._tuner.ask() if self._steps < self._search_steps else []
-            if proposals:
-                return proposals
-            self._candidate = self._tuner.recommend().copy()
-        lanes, done = self._problem.lanes, len(self._costs)
-        pairs = range(done, done + max(1, lanes // 2))
-        return [
-            Proposal(z, i % lanes, seed=stream_seed(self._problem.seed, "gate", pair))
-            for i, (pair, z) in enumerate(
-                (pair, z) for pair in pairs for z in (self._start, self._candidate)
-            )
-        ]
+    def _begin(self) -> None:
+        self._pairs = self._left // (2 * self._problem.max_episode_steps)
+        self._episodes.enter(self._start)
+        self._episodes.enter(self._tuner.recommend())
 
-    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
-        """Hand on what the tuner asked for, or count pairs."""
-        if self._candidate is None:
-            self._steps += sum(segment.length for segment in segments)
-            return self._tuner.tell(segments)
-        costs = np.reshape([segment.costs.sum() for segment in segments], (-1, 2))
-        self._costs = np.concatenate([self._costs, costs])
-        start, candidate = self._costs.mean(axis=0)
-        return {"gate_start_cost": float(start), "gate_candidate_cost": float(candidate)}
+    def _ask_after(self) -> list[Proposal]:
+        left = self._pairs - len(self._episodes.costs)
+        return self._episodes.ask_within(self._episodes.steps(left)) if left else []
 
-    def meanwhile(self) -> None:
-        """See `Tuner.meanwhile`."""
-        self._tuner.meanwhile()
+    def _tell_after(self, segments: Sequence[Segment]) -> dict[str, float]:
+        self._episodes.tell(segments)
+        names = "gate_start_cost", "gate_candidate_cost"
+        means = zip(names, _finite_means(self._episodes.costs), strict=True)
+        return {name: mean for name, mean in means if mean is not None}
+
+    @property
+    def comparison(self) -> Comparison | None:
+        """The comparison of start and candidate; None until all its pairs have been run."""
+        if not self._pairs or len(self._episodes.costs) < self._pairs:
+            return None
+        return compare(self._episodes)
 
     @property
     def accepted(self) -> bool:
         """Whether the candidate has proved better than the start."""
-        return better(self._costs[:, 1] - self._costs[:, 0])
+        return self.comparison is not None and self.comparison.accepted
 
     def recommend(self) -> np.ndarray:
         """Return the tuner's recommendation while it searches; then what passed the gate."""
-        if self._candidate is None:
+        if self._searching:
             return self._tuner.recommend()
-        return (self._candidate if self.accepted else self._start).copy()
+        return self._episodes.candidates[1] if self.accepted else self._start.copy()
 
     def outcome(self) -> dict[str, Any]:
         """Return the gate's verdict for `result.json`."""
-        start, candidate = self._costs.mean(axis=0) if len(self._costs) else (None, None)
+        episodes, comparison = self._episodes, self.comparison
+        start, candidate = _finite_means(episodes.costs)
+        failures = [int(count) for count in episodes.failed.sum(axis=0)] or [0, 0]
         verdict = {
             "accepted": self.accepted,
-            "pairs": len(self._costs),
+            "pairs": len(episodes.costs),
             "start_cost_mean": start,
             "candidate_cost_mean": candidate,
+            "start_failures": failures[0],
+            "candidate_failures": failures[1],
+            "p_value": None if comparison is None else comparison.p_value,
+            "text": self._not_run() if comparison is None else comparison.text,
         }
-        return {**self._tuner.outcome(), "gate": verdict}
+        return {**super().outcome(), "gate": verdict}
+
+    def _not_run(self) -> str:
+        return (
+            f"the test could not be run: a pair of episodes may take "
+            f"{2 * self._problem.max_episode_steps:,} steps, and {self._left:,} were left for it"
+        )
 
     def state(self) -> Any:
-        """Return the tuner's state and the pairs."""
-        candidate = None if self._candidate is None else self._candidate.copy()
-        return self._tuner.state(), self._steps, candidate, self._costs.copy()
+        """See `Tuner.state`."""
+        return {**super().state(), "pairs": self._pairs, "episodes": self._episodes.state()}
 
     def restore(self, state: Any) -> None:
-        """Put back what `state` returned."""
-        inner, self._steps, candidate, costs = state
-        self._tuner.restore(inner)
-        self._candidate = None if candidate is None else candidate.copy()
-        self._costs = costs.copy()
+        """See `Tuner.restore`."""
+        super().restore(state)
+        self._pairs = state["pairs"]
+        self._episodes.restore(state["episodes"])
 
     def describe(self) -> dict[str, Any]:
         """Return the tuner's choices and the gate."""
+        reserved = self._problem.budget - self._search_steps
+        pairs = reserved // (2 * self._problem.max_episode_steps)
         told = f"last {self._share:.0%} of the budget, against the start values"
-        return {**self._tuner.describe(), "gate": told}
+        if pairs < MIN_PAIRS:
+            told += (
+                f"; that is sure to pay for {pairs} pairs of episodes, and fewer than {MIN_PAIRS} "
+                "accept nothing"
+            )
+        return {**super().describe(), "gate": told}
 
 
-def search_budget(budget: int, share: float) -> int:
-    """Return the environment steps that a gate leaves to the search."""
-    return int(budget * (1.0 - share))
-
-
-def better(differences: np.ndarray) -> bool:
-    """Tell whether paired differences (n,), candidate minus start, are below zero on average.
-
-    One-sided t test at `CONFIDENCE`; never with fewer than two pairs or a candidate that failed.
-    """
-    if len(differences) < 2 or not np.isfinite(differences).all():
-        return False
-    from scipy.stats import t  # not needed where nothing is gated
-
-    error = float(differences.std(ddof=1)) / math.sqrt(len(differences))
-    quantile = float(t.ppf(CONFIDENCE, len(differences) - 1))
-    return bool(differences.mean() + quantile * error < 0)
+def _finite_means(costs: np.ndarray) -> tuple[float | None, float | None]:
+    """Return the mean costs of start and candidate, None where there is no finite one."""
+    if not len(costs):
+        return None, None
+    start, candidate = (float(m) if np.isfinite(m) else None for m in costs.mean(axis=0))
+    return start, candidate

@@ -32,8 +32,9 @@ class Result:
         parameters: By name, physical values, fixed ones included.
         cost_mean: Mean cost of the final evaluation episodes.
         cost_per_episode: Of each of them.
-        start_cost_mean: Mean cost of the start values on the same episodes; None without any, and
-            for runs of the command line.
+        start_cost_mean: Mean cost of the start values on the same episodes; None without any.
+        warnings: What is wrong with the answer, one sentence each: it costs more than the start
+            values, it breaks a constraint, an earlier evaluation was clearly better.
         env_steps: Spent on tuning.
         folder: The run folder, with everything that was logged.
         record: The content of `result.json`: metrics, violations, the gate's verdict, times.
@@ -45,6 +46,7 @@ class Result:
     cost_mean: float
     cost_per_episode: list[float]
     start_cost_mean: float | None
+    warnings: list[str]
     env_steps: int
     folder: Path
     record: Mapping[str, Any] = field(repr=False)
@@ -119,6 +121,7 @@ def result_of(
         cost_mean=record["cost_mean"],
         cost_per_episode=record["cost_per_episode"],
         start_cost_mean=record.get("start_cost_mean"),
+        warnings=record.get("warnings", []),  # a run of before has none
         env_steps=record["env_steps"],
         folder=folder,
         record=record,

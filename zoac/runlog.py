@@ -76,6 +76,10 @@ class RunLog:
         self._mirror("finish", result)
         return result
 
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the rows so far."""
+        return records.read_metrics(self.folder)
+
     def size(self) -> int:
         """Return the length of `metrics.jsonl` in bytes."""
         return self._file.tell()
@@ -181,17 +185,20 @@ class Console:
             self._stream.flush()
 
     def finish(self, result: Mapping[str, Any]) -> None:
-        """Print the tuned parameters."""
+        """Print the tuned parameters, how they compare to the start values, and warnings."""
         for name, value in result["parameters"].items():
             self._print(f"  {name} = {format(value, '.6g') if isinstance(value, float) else value}")
         if (gate := result.get("gate")) is not None:
             verdict = "the answer beats" if gate["accepted"] else "no better was found, it is"
-            self._print(f"  gate: {verdict} the start values, {gate['pairs']} pairs of episodes")
+            pairs = f"{gate['pairs']} pairs of episodes"
+            self._print(f"  gate: {verdict} the start values, {pairs}: {gate['text']}")
+        if (start := result.get("start_cost_mean")) is not None:
+            episodes = f"the same {len(result['cost_per_episode'])} episodes"
+            self._print(f"  cost {result['cost_mean']:.4g}, start values {start:.4g} on {episodes}")
         if result.get("failures"):
             self._print(f"  failures: {result['failures']}, the first: {result['first_failure']}")
-        for name, broken in result.get("violations_by_constraint", {}).items():
-            episodes = f"{broken['episodes']} of {len(result['cost_per_episode'])} episodes"
-            self._print(f"  constraint {name}: broken in {episodes}")
+        for sentence in result["warnings"]:
+            self._print(f"  WARNING: {sentence}")
 
     def _progress(self, row: Mapping[str, Any]) -> str:
         """Return steps, time so far and time left, from the rate since this process began."""

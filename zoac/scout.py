@@ -10,7 +10,7 @@ import numpy as np
 
 from zoac.seeding import stream_seed
 from zoac.segments import Proposal, Segment
-from zoac.tuner import Problem, Tuner
+from zoac.tuner import Problem, Tuner, TunerStrategy
 
 
 class Scout(Tuner):
@@ -95,7 +95,7 @@ class Scout(Tuner):
         return {**tuner.describe(), "start": f"best of {len(self._points)} random points"}
 
 
-class CommonEpisodes(Tuner):
+class CommonEpisodes(TunerStrategy):
     """A tuner of whole episodes whose points of one batch all meet the same episode.
 
     Differences within a batch are then the points' own. Every batch has another episode.
@@ -108,7 +108,8 @@ class CommonEpisodes(Tuner):
                 left as it is.
             seed: The run's seed.
         """
-        self._tuner, self._seed, self._batch = tuner, seed, 0
+        super().__init__(tuner)
+        self._seed, self._batch = seed, 0
 
     def ask(self) -> list[Proposal]:
         """Return what the tuner asks, whole episodes from a common seed."""
@@ -116,34 +117,18 @@ class CommonEpisodes(Tuner):
         self._batch += 1
         return [
             replace(p, seed=seed) if p.horizon is None and p.seed is None else p
-            for p in self._tuner.ask()
+            for p in super().ask()
         ]
-
-    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
-        """See `Tuner.tell`."""
-        return self._tuner.tell(segments)
-
-    def meanwhile(self) -> None:
-        """See `Tuner.meanwhile`."""
-        self._tuner.meanwhile()
-
-    def recommend(self) -> np.ndarray:
-        """See `Tuner.recommend`."""
-        return self._tuner.recommend()
 
     def state(self) -> Any:
         """See `Tuner.state`."""
-        return {"batch": self._batch, "tuner": self._tuner.state()}
+        return {"batch": self._batch, **super().state()}
 
     def restore(self, state: Any) -> None:
         """See `Tuner.restore`."""
         self._batch = state["batch"]
-        self._tuner.restore(state["tuner"])
-
-    def outcome(self) -> dict[str, Any]:
-        """See `Tuner.outcome`."""
-        return self._tuner.outcome()
+        super().restore(state)
 
     def describe(self) -> dict[str, Any]:
         """See `Tuner.describe`."""
-        return {**self._tuner.describe(), "episodes": "common to a batch"}
+        return {**super().describe(), "episodes": "common to a batch"}

@@ -49,6 +49,8 @@ class Segment:
         diagnostics: The controller's, by name, T rows each.
         failure: Why the last step failed, if controller or environment did: that step costs the
             task's `failure_penalty` and was not measured.
+        reported_costs: (T,) plain costs, where `costs` are what a tuner is told; None: the same.
+        violation: By how much constraints were exceeded, over all steps; 0 where all hold.
     """
 
     proposal: Proposal
@@ -60,11 +62,18 @@ class Segment:
     starts_episode: bool
     diagnostics: Mapping[str, np.ndarray] = field(default_factory=dict)
     failure: str | None = None
+    reported_costs: np.ndarray | None = None
+    violation: float = 0.0
 
     @property
     def length(self) -> int:
         """Number of steps T."""
         return len(self.costs)
+
+    @property
+    def plain_costs(self) -> np.ndarray:
+        """Costs (T,) without regularisation or penalties: what results report and compare."""
+        return self.costs if self.reported_costs is None else self.reported_costs
 
     def measured(self) -> Segment:
         """Return the segment without the step that failed, if one did."""
@@ -75,6 +84,7 @@ class Segment:
             observations=self.observations[:-1],
             actions=self.actions[:-1],
             costs=self.costs[:-1],
+            reported_costs=None if self.reported_costs is None else self.reported_costs[:-1],
             diagnostics={name: rows[:-1] for name, rows in self.diagnostics.items()},
             terminated=False,
             failure=None,

@@ -343,7 +343,10 @@ def _run_record(run: Run) -> dict[str, Any]:
         "command": list(run.command),
         "objective": run.task.objective,
         "episodes": run.task.horizon.remark,
-        "tuner_choices": run.tuner.describe(),
+        "tuner_choices": {
+            **run.tuner.describe(),
+            **build.baseline_use(run.config["tuner"], run.task, run.settings),
+        },
         "parameters": [asdict(p) for p in run.task.space.parameters],
         "fixed": dict(run.task.fixed),
         "nominal": None if nominal is None else dict(nominal),

@@ -63,7 +63,7 @@ RESERVED = frozenset({
     "format", "task", "tuner", "seed", "variant", "config_hash", "kind", "final", "z", "parameters",
     "env_steps", "cost_mean", "cost_std", "cost_per_episode", "episode_lengths", "terminations",
     "violations", "violations_by_constraint", "lane_restarts", "tuning_terminations",
-    "start_cost_mean", "gate", "failures", "first_failure", *CLOCKS,
+    "start_cost_mean", "start", "gate", "select", "warnings", "failures", "first_failure", *CLOCKS,
 })  # fmt: skip
 """Keys of evaluation rows and of `result.json`, which no metric may take. `solver_failures` is
 free: a metric of that name counts an evaluation's, `result.json` those of the whole run."""

@@ -9,13 +9,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
-from typing import Annotated, Any
+from dataclasses import asdict, dataclass, field, replace
+from typing import Annotated, Any, Literal
 
 import cloudpickle
 import numpy as np
 from pydantic import Field
 
+from zoac.answer_checks import warnings
 from zoac.checkpoint import unfit
 from zoac.constraints import FeasibilityFirst
 from zoac.errors import NothingWorksError, ZoacError
@@ -46,9 +47,10 @@ class Settings:
         checkpoint_seconds: Wall seconds between checkpoints.
         trust: How far the start values are trusted, from 0 to 1; see `zoac.gate.trusted`.
         gate: Share of the budget for proof that the answer beats the start; see `zoac.gate.Gate`.
+        select: "best_evaluated": the answer is the best of the evaluated recommendations, see
+            `zoac.best_evaluated`; "last" or None: what the tuner recommends at the end.
         scout: Random points of which the best is the tuner's start; see `zoac.scout.Scout`.
         common_episodes: Points of a batch meet the same episode; see `zoac.scout.CommonEpisodes`.
-        compare_start: Whether the result says what the start values cost on its episodes.
         failure_penalty: The task's, see `zoac.task.Task`; here to be checked with the rest.
     """
 
@@ -62,10 +64,10 @@ class Settings:
     checkpoint_seconds: NonNegative = 30.0
     trust: Annotated[float, Field(ge=0, le=1)] | None = None
     gate: Share | None = None
+    select: Literal["last", "best_evaluated"] | None = None
     failure_penalty: float | None = None
     scout: Count | None = None
     common_episodes: bool | None = None
-    compare_start: bool = False
 
 
 @dataclass
@@ -150,7 +152,9 @@ class Trainer:
         progress.iteration += 1
         progress.env_steps += sum(s.length for s in segments)
         failure = self._account(segments)
-        seen = [s.with_costs(self._task.tuning_costs(s)) for s in segments]
+        seen = [
+            replace(s, costs=self._task.tuning_costs(s), reported_costs=s.costs) for s in segments
+        ]
         seen = self._constraints.told(segments, seen)
         with self._timed("tuner_seconds"):
             metrics = self._tuner.tell(seen)
@@ -188,17 +192,22 @@ class Trainer:
     def _evaluate(self, episodes: int, final: bool) -> dict[str, Any]:
         """Run the fixed episodes with the recommended parameters and log a row."""
         z = self._tuner.recommend()
+        segments = self._rolled_out(z, episodes)
+        row = evaluation_row(segments, self._task.metrics, self._task.constraints)
+        row |= self._account(segments)
+        row = {**row, "parameters": self._task.space.named(z), "z": z.tolist(), "final": final}
+        self._log.row("eval", self._stamp(compute_seconds=self._compute_seconds()), row)
+        return row
+
+    def _rolled_out(self, z: np.ndarray, episodes: int) -> list[Segment]:
+        """Return the fixed evaluation episodes with the parameters z."""
         proposals = evaluation_proposals(z, episodes, self._settings.evaluation_seed)
         tuner_seconds = self.progress.tuner_seconds
         with self._timed("evaluation_seconds"):
             segments = self._executor.evaluate(proposals, self._meanwhile)
         # What the tuner did beside it is the tuner's.
         self.progress.evaluation_seconds -= self.progress.tuner_seconds - tuner_seconds
-        row = evaluation_row(segments, self._task.metrics, self._task.constraints)
-        row |= self._account(segments)
-        row = {**row, "parameters": self._task.space.named(z), "z": z.tolist(), "final": final}
-        self._log.row("eval", self._stamp(compute_seconds=self._compute_seconds()), row)
-        return row
+        return segments
 
     def _refuse(self, when: str) -> None:
         """End a run in which every segment failed.
@@ -215,10 +224,11 @@ class Trainer:
     def _finish(self) -> dict[str, Any]:
         if 0 < self.progress.segments == self.progress.failed_segments:
             self._refuse("before it ended")
+        earlier = [row for row in self._log.rows() if row["kind"] == "eval"]
         final = self._evaluate(self._settings.final_episodes, final=True)
         del final["final"]
         final.pop("first_failure", None)
-        start = self._start_cost()
+        start = self._start()
         progress = asdict(self.progress)
         result = {
             "env_steps": progress["env_steps"],
@@ -234,18 +244,16 @@ class Trainer:
             **start,
             **self._tuner.outcome(),
         }
-        return self._log.finish(result)
+        return self._log.finish({**result, "warnings": warnings(result, earlier)})
 
-    def _start_cost(self) -> dict[str, float]:
-        """Return what the start values cost on the final evaluation episodes, if asked for."""
-        settings, nominal = self._settings, self._task.nominal
-        if not settings.compare_start or nominal is None:
+    def _start(self) -> dict[str, Any]:
+        """Return what the start values cost on the final evaluation episodes, if there are any."""
+        if self._task.nominal is None:
             return {}
-        z = self._task.space.unit(nominal)
-        proposals = evaluation_proposals(z, settings.final_episodes, settings.evaluation_seed)
-        with self._timed("evaluation_seconds"):
-            segments = self._executor.evaluate(proposals)
-        return {"start_cost_mean": float(np.mean([s.costs.sum() for s in segments]))}
+        z = self._task.space.unit(self._task.nominal)
+        segments = self._rolled_out(z, self._settings.final_episodes)
+        row = evaluation_row(segments, (), self._task.constraints)
+        return {"start_cost_mean": row["cost_mean"], "start": row}
 
     def _account(self, segments: list[Segment]) -> dict[str, str]:
         """Add up failures and what controllers report of solvers, tuning and evaluation alike.

@@ -27,6 +27,7 @@ class Problem:
         seed: The run's seed.
         nominal: Mapped reference parameters (d,), for tasks that have them.
         branches: Lanes can run on and be put back to where they stood.
+        baseline: Mapped parameters (d,) of today's controller, a candidate of every final choice.
     """
 
     space: ParameterSpace
@@ -37,6 +38,7 @@ class Problem:
     seed: int
     nominal: np.ndarray | None = None
     branches: bool = True
+    baseline: np.ndarray | None = None
 
     def rng(self, name: str) -> np.random.Generator:
         """Return the run's random stream called `name`, from its beginning."""
@@ -89,3 +91,42 @@ class Tuner(ABC):
     def describe(self) -> dict[str, Any]:
         """Return the choices that a fair comparison must show, by name, for run log and tables."""
         return {}
+
+
+class TunerStrategy(Tuner):
+    """What any tuner can be combined with: changes some of what it does and forwards the rest."""
+
+    def __init__(self, tuner: Tuner) -> None:
+        self._tuner = tuner
+
+    def ask(self) -> list[Proposal]:
+        """See `Tuner.ask`."""
+        return self._tuner.ask()
+
+    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """See `Tuner.tell`."""
+        return self._tuner.tell(segments)
+
+    def meanwhile(self) -> None:
+        """See `Tuner.meanwhile`."""
+        self._tuner.meanwhile()
+
+    def recommend(self) -> np.ndarray:
+        """See `Tuner.recommend`."""
+        return self._tuner.recommend()
+
+    def state(self) -> Any:
+        """See `Tuner.state`."""
+        return {"tuner": self._tuner.state()}
+
+    def restore(self, state: Any) -> None:
+        """See `Tuner.restore`."""
+        self._tuner.restore(state["tuner"])
+
+    def outcome(self) -> dict[str, Any]:
+        """See `Tuner.outcome`."""
+        return self._tuner.outcome()
+
+    def describe(self) -> dict[str, Any]:
+        """See `Tuner.describe`."""
+        return self._tuner.describe()

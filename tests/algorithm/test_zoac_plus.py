@@ -6,9 +6,9 @@ import pytest
 from tests.algorithm.test_zoac import OPTIONS, iterate
 from tests.support import CountingTask, lane_group
 from zoac.algorithm.advantage import estimate
-from zoac.algorithm.finals import Finals
 from zoac.algorithm.gradient import zeroth_order_gradient
 from zoac.algorithm.zoac_plus import ZoacPlus
+from zoac.held_out import HeldOut
 from zoac.tuner import Problem
 
 PLUS = {
@@ -164,11 +164,11 @@ def test_winner_and_averages_meet_in_the_finals_on_common_episodes():
 
 
 def test_the_finals_recommend_the_lowest_mean_cost():
-    finals = Finals(Problem(CountingTask.space, 3, 6, 1000, 7, 0))
+    finals = HeldOut(Problem(CountingTask.space, 3, 6, 1000, 7, 0), "finals")
     bad, good = np.array([0.1, 0.2]), np.array([0.3, 0.4])
     finals.enter(bad)
     finals.enter(good)
-    lucky = lane_group(CountingTask(), range(6)).rollout(finals.ask())
+    lucky = lane_group(CountingTask(), range(6)).rollout(finals.ask(3))
     assert [tuple(s.proposal.z) for s in lucky] == [tuple(bad), tuple(good)] * 3
     assert len({s.proposal.seed for s in lucky}) == 3
     # The bad one is the cheapest once, the good one on average.

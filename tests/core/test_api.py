@@ -291,7 +291,7 @@ def test_the_console_tells_the_gates_verdict_and_broken_constraints(capsys):
     out = capsys.readouterr().out
     verdict = "the answer beats" if result.record["gate"]["accepted"] else "no better was found"
     assert re.search(rf"gate: {verdict}.* the start values, \d+ pairs of episodes", out)
-    assert re.search(r"constraint never: broken in (\d+) of \1 episodes", out)
+    assert re.search(r"WARNING: The constraint never is broken in (\d+) of \1 final episodes", out)
 
 
 def test_the_console_tells_options_and_whole_numbers(capsys):

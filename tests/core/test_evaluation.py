@@ -45,6 +45,7 @@ def test_the_reserved_names_are_the_keys_of_rows_and_results(tmp_path):
     zoac.tune(
         env=Drift, controller=lambda params, obs: -params["k"] * obs[0], tuner="random",
         space={"k": {"low": 0, "high": 2, "start": 1.0}}, budget=200, gate=0.5, lanes=2,
+        select="best_evaluated",
         constraints={"left": lambda s: s.observations[1:, 0]}, episodes=1, final_episodes=1,
         max_episode_steps=5, quiet=True, folder=tmp_path,
     )  # fmt: skip

@@ -12,9 +12,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from zoac.algorithm.finals import Finals
 from zoac.algorithm.race import Race
 from zoac.algorithm.zoac import Fraction, Zoac
+from zoac.held_out import HeldOut
 from zoac.numbers import Count
 from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem
@@ -32,7 +32,7 @@ class ZoacPlus(Zoac):
     Both branches count as environment steps, and so do race and finals.
 
     Perturbation and step stay as they are. The last part of the budget decides on common held-out
-    episodes between the winner of the race and averages of the iterates.
+    episodes between the winner of the race, averages of the iterates and the baseline, if any.
 
     Where an environment cannot be put back (`Problem.branches`), directions are run one way, and
     race and finals on the lanes' own episodes.
@@ -80,7 +80,7 @@ class ZoacPlus(Zoac):
             rounds=race_rounds,
             survivors=race_survivors,
         )
-        self._finals = Finals(problem)
+        self._finals = HeldOut(problem, "finals", seeded=problem.branches)
         if self._race.over:
             self._finals.enter(self._theta)
         self._entries, self._entered = finals_entries, 0
@@ -101,14 +101,22 @@ class ZoacPlus(Zoac):
 
     @property
     def _in_finals(self) -> bool:
-        return self._race.over and self._finals_share > 0 and self._spent >= self._search_to
+        if not self._race.over or not self._finals_share:
+            return False
+        # A small budget: another iteration would leave too few steps to choose by.
+        iteration = self._segments * self._length * self._problem.lanes * (1 + self._paired)
+        left = self._problem.budget - self._spent - iteration
+        few = self._spent > 0 and left < self._finals.steps(self._finals.busy)
+        return self._finals.begun or self._spent >= self._search_to or few
 
     def ask(self) -> list[Proposal]:
         """Return the race's next round, then pairs of segments, then the finals' episodes."""
         if not self._race.over:
             return self._race.ask()
         if self._in_finals:
-            return self._finals.ask()
+            if not self._finals.begun:
+                self._finals.enter_baseline()
+            return self._finals.ask_within(self._problem.budget - self._spent)
         self._sigma = self._caution * self._widest
         return super().ask()
 
@@ -120,7 +128,7 @@ class ZoacPlus(Zoac):
             return self._tell_race(segments)
         if self._in_finals:
             self._spent += steps
-            return self._finals.tell(segments)
+            return self._tell_finals(segments)
         numbers = super().tell(segments)
         self._spent += steps
         self._be_careful(segments)
@@ -145,6 +153,12 @@ class ZoacPlus(Zoac):
             self._search_from = self._spent
             self._finals.enter(self._theta)
         return numbers
+
+    def _tell_finals(self, segments: Sequence[Segment]) -> dict[str, float]:
+        self._finals.tell(segments)
+        best = int(self._finals.ranking[0])
+        cost = float(self._finals.costs[:, best].mean())
+        return {"finals_best": best, "finals_best_cost": cost}
 
     def _perturbed(self, offset: np.ndarray, lane: int) -> list[Proposal]:
         if not self._paired:
@@ -186,12 +200,14 @@ class ZoacPlus(Zoac):
         """Return the choices that a comparison must show."""
         choices = super().describe()
         if self._race_share:
-            choices["start"] = f"race, {self._race_share:.0%} of the budget"
+            among = ", the start values take part" if self._start == "nominal" else ""
+            choices["start"] = f"race, {self._race_share:.0%} of the budget{among}"
         if self._paired:
             choices["noise_model"] = f"paired branches; {choices['noise_model']}"
         if self._finals_share:
+            baseline = "" if self._problem.baseline is None else " and the start values"
             choices["recommendation"] = (
-                f"best of {self._entries + 1} on common held-out episodes, "
+                f"best of {self._entries + 1}{baseline} on common held-out episodes, "
                 f"{self._finals_share:.0%} of the budget"
             )
         return choices
