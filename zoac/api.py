@@ -232,7 +232,7 @@ def _identity(task: Task, options: Mapping[str, Any]) -> dict[str, Any]:
         "vary": {name: list(bounds) for name, bounds in (options["vary"] or {}).items()},
         "objective": options["objective"],
     }
-    plain: dict[str, Any] = json.loads(json.dumps(told, default=records.plain))
+    plain: dict[str, Any] = json.loads(records.json_line(told))
     return {key: value for key, value in plain.items() if value or key == "fixed"}
 
 

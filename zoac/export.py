@@ -31,13 +31,19 @@ def export(parameters: Mapping[str, Any], path: str | Path, units: Mapping[str, 
         units: By name, for comments; names without one are left out.
 
     Raises:
-        ConfigError: If the suffix is unknown, two names become one identifier, a value has no
-            literal in that language, or the file cannot be written.
+        ConfigError: If the suffix is unknown, two names become one identifier, a value is not
+            finite or has no literal in that language, or the file cannot be written.
     """
     path = Path(path)
     writer = FORMATS.get(path.suffix)
     if writer is None:
         raise ConfigError(f"export to {path.name!r}: {suggest(path.suffix, FORMATS)}")
+    for name, value in parameters.items():
+        if isinstance(value, (float, np.floating)) and not np.isfinite(value):
+            raise ConfigError(
+                f"export to {path.name!r}: parameter {name!r} is {value}, expected a finite "
+                "number; nothing was written"
+            )
     text = writer(parameters, {k: u for k, u in units.items() if u}, path.stem)
     try:
         records.write_atomically(path, text.encode())

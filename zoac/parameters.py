@@ -173,7 +173,15 @@ class ParameterSpace:
         return len(self.coordinates)
 
     def clip(self, z: np.ndarray) -> np.ndarray:
-        """Return `z`, any shape (..., d), clipped to the mapped box [-1, 1]^d."""
+        """Return `z`, any shape (..., d), clipped to the mapped box [-1, 1]^d.
+
+        Raises:
+            ConfigError: If a coordinate is NaN, which no bound would stop.
+        """
+        missing = np.isnan(z).reshape(-1, self.dimension).any(axis=0)
+        if missing.any():
+            named = ", ".join(np.array(self.coordinates)[missing])
+            raise ConfigError(f"expected a number for every parameter, got NaN for {named}")
         return np.clip(z, -1.0, 1.0)
 
     def values(self, z: np.ndarray) -> np.ndarray:
@@ -181,10 +189,13 @@ class ParameterSpace:
 
         Values outside [-1, 1] are clipped first. A choice among numbers is that number; among
         anything else it is the option's position. For all real parameters p = d.
+
+        Raises:
+            ConfigError: If a coordinate is NaN.
         """
         low, high = self._scaled
         z = np.asarray(z, dtype=np.float64)
-        inside = self.clip(z[..., self._first] if self._choices else z)
+        inside = self.clip(z)[..., self._first]
         values = low + (inside + 1.0) * 0.5 * (high - low)
         values[..., self._log] = np.power(10.0, values[..., self._log])
         if self._integer.any():
@@ -259,7 +270,7 @@ class ParameterSpace:
         codes = values.copy()
         values[..., self._log] = np.log10(values[..., self._log])
         low, high = self._scaled
-        z = self.clip((values - low) / (high - low) * 2.0 - 1.0)
+        z = np.clip((values - low) / (high - low) * 2.0 - 1.0, -1.0, 1.0)
         for i, p in enumerate(self.parameters):
             if p.kind == "integer":
                 z[..., i] = p.share(values[..., i])

@@ -5,6 +5,8 @@ A run folder `<runs_dir>/<task>/<tuner>/seed=<s>[/variant=<name>]` holds
     metrics.jsonl   one JSON object a line, `kind` "train" or "eval"; append-only
     checkpoint/     see `zoac.checkpoint`
     result.json     the outcome; written last, atomically: a run is done when it exists
+JSON has no word for what is not finite: such a number is written as null. In rows, and for costs
+in a result, null is read as NaN.
 Identity is read from `run.json`, never from folder names.
 """
 
@@ -12,6 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -98,23 +101,27 @@ def sync_folder(folder: Path) -> None:
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write one JSON object atomically; NumPy values become plain ones."""
-    text = json.dumps(content, indent=2, default=plain)
+    """Write one JSON object atomically; see `plain`."""
+    text = json.dumps(plain(content), indent=2, allow_nan=False)
     write_atomically(path, (text + "\n").encode())
 
 
 def json_line(row: Mapping[str, Any]) -> str:
-    """Return one row of `metrics.jsonl`, newline included."""
-    return json.dumps(row, default=plain) + "\n"
+    """Return one row of `metrics.jsonl`, newline included; see `plain`."""
+    return json.dumps(plain(row), allow_nan=False) + "\n"
 
 
 def plain(value: Any) -> Any:
-    """Return a NumPy array or scalar as plain Python, for JSON."""
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"{type(value).__name__} cannot be written as JSON")
+    """Return what JSON can hold: NumPy values as plain ones, None for what is not finite."""
+    if isinstance(value, Mapping):
+        return {key: plain(v) for key, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def read_run(folder: Path) -> dict[str, Any]:
@@ -132,7 +139,18 @@ def read_result(folder: Path) -> dict[str, Any]:
     Raises:
         RunFolderError: If it is missing (the run is not finished), damaged or of another format.
     """
-    return _read_json(Path(folder) / RESULT)
+    result = _read_json(Path(folder) / RESULT)
+    return {k: _numbers(v) if k in _COSTS else v for k, v in result.items()}
+
+
+_COSTS = ("cost_mean", "cost_std", "cost_per_episode")
+
+
+def _numbers(value: Any) -> Any:
+    """Return a number, or a list of numbers, with NaN where null stands for one."""
+    if isinstance(value, list):
+        return [math.nan if v is None else v for v in value]
+    return math.nan if value is None else value
 
 
 def is_done(folder: Path) -> bool:
@@ -170,7 +188,7 @@ def read_metrics(folder: Path) -> list[dict[str, Any]]:
     rows = []
     for number, line in enumerate(lines[:-1], start=1):
         try:
-            rows.append(json.loads(line))
+            rows.append({k: _numbers(v) for k, v in json.loads(line).items()})
         except ValueError:
             raise RunFolderError(f"{path}: line {number} is damaged") from None
     return rows

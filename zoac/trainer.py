@@ -123,6 +123,7 @@ class Trainer:
         self._stop_requested = stop_requested
         self._lanes_unsaved = False  # they cannot be saved, which has been said
         self._constraints = FeasibilityFirst(task.constraints)
+        self._last_finite = np.zeros(task.space.dimension)  # recommendation
         self.progress = Progress()
         self._wall_start = self._last_checkpoint = time.perf_counter()
         self._compute_start = time.process_time()
@@ -191,7 +192,7 @@ class Trainer:
 
     def _evaluate(self, episodes: int, final: bool) -> dict[str, Any]:
         """Run the fixed episodes with the recommended parameters and log a row."""
-        z = self._tuner.recommend()
+        z = self._recommended()
         segments = self._rolled_out(z, episodes)
         row = evaluation_row(segments, self._task.metrics, self._task.constraints)
         row |= self._account(segments)
@@ -208,6 +209,19 @@ class Trainer:
         # What the tuner did beside it is the tuner's.
         self.progress.evaluation_seconds -= self.progress.tuner_seconds - tuner_seconds
         return segments
+
+    def _recommended(self) -> np.ndarray:
+        """Return the tuner's recommendation, or its last one whose every number was finite."""
+        z = self._tuner.recommend()
+        if np.isfinite(z).all():
+            self._last_finite = z.copy()
+        else:
+            print(
+                f"after {self.progress.env_steps:,} steps the tuner recommends {z.tolist()}, which "
+                "is not finite; its last finite recommendation is kept",
+                file=sys.stderr,
+            )
+        return self._last_finite.copy()
 
     def _refuse(self, when: str) -> None:
         """End a run in which every segment failed.
@@ -318,6 +332,7 @@ class Trainer:
             "tuner": self._tuner.state(),
             "lanes": self._saved_lanes(),
             "constraints": self._constraints.state(),
+            "last_finite": self._last_finite.copy(),
         }
 
     def _saved_lanes(self) -> Any:
@@ -357,6 +372,7 @@ class Trainer:
             self._begin_new_episodes()
         if "constraints" in state:  # a checkpoint of version 0.1.0 has none
             self._constraints.restore(state["constraints"])
+        self._last_finite = state.get("last_finite", self._last_finite)  # since version 0.2.0
         self._log.rewind(self.progress.log_bytes)
 
     def _begin_new_episodes(self) -> None:

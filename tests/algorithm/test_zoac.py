@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.support import CountingTask, lane_group
+from zoac.algorithm import zoac as zoac_module
 from zoac.algorithm.zoac import Zoac
 from zoac.tuner import Problem
 
@@ -130,3 +133,60 @@ def test_critic_is_updated_once_for_each_iteration():
     weights = tuner._critic.state()["weights"]
     tuner.meanwhile()
     np.testing.assert_array_equal(tuner._critic.state()["weights"], weights)
+
+
+def shown(segments, factor=1.0, costs=None):
+    """What a plant that runs away shows: huge observations, and costs if given."""
+    return [
+        replace(
+            s,
+            observations=s.observations * factor,
+            costs=s.costs if costs is None else np.full(s.length, costs[i % len(costs)]),
+        )
+        for i, s in enumerate(segments)
+    ]
+
+
+@pytest.mark.parametrize("normalise", [False, True])
+@pytest.mark.parametrize(
+    ("factor", "costs"),
+    [
+        (1e200, None),
+        (-np.inf, None),
+        (np.nan, None),
+        (1.0, [1e200, 1e30, -1e300]),
+        (1e80, [1e150, 3.0]),
+    ],
+)
+def test_what_float32_cannot_hold_leaves_parameters_and_critic_finite(factor, costs, normalise):
+    tuner, group = make_zoac(normalise_observations=normalise), lane_group(CountingTask(), range(4))
+    with np.errstate(all="ignore"):
+        for _ in range(3):
+            tuner.tell(shown(group.rollout(tuner.ask()), factor, costs))
+        iterate(tuner, group, 3)  # the plant is itself again
+        seen = np.concatenate([s.observations for s in group.rollout(tuner.ask())])
+        tuner.meanwhile()
+    assert np.isfinite(tuner.recommend()).all()
+    assert np.isfinite(tuner._critic.values(seen)).all()
+
+
+def test_huge_costs_still_show_the_way():
+    """Squares of these costs overflow; their order does not."""
+    tuner, group = make_zoac(lanes=20), lane_group(CountingTask(), list(range(20)))
+    with np.errstate(all="ignore"):
+        for _ in range(120):
+            segments = group.rollout(tuner.ask())
+            tuner.tell([s.with_costs(1e180 * s.costs) for s in segments])
+    assert CountingTask.space.physical(tuner.recommend())["a"] < 2.0
+
+
+def test_an_update_without_a_finite_gradient_is_skipped_and_counted(monkeypatch):
+    tuner, group = make_zoac(), lane_group(CountingTask(), range(4))
+    assert "skipped_updates" not in iterate(tuner, group)
+    before = tuner.recommend()
+    monkeypatch.setattr(zoac_module, "zeroth_order_gradient", lambda *_: np.array([np.nan, 1.0]))
+    assert iterate(tuner, group, 2)["skipped_updates"] == 2
+    np.testing.assert_array_equal(tuner.recommend(), before)
+    twin = make_zoac()
+    twin.restore(tuner.state())
+    assert twin.tell(group.rollout(twin.ask()))["skipped_updates"] == 3

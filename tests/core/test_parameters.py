@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from zoac.errors import ConfigError
-from zoac.parameters import Parameter, ParameterSpace
+from zoac.parameters import Parameter, ParameterSpace, choice, integer
 
 SPACE = ParameterSpace(
     [
@@ -75,3 +75,13 @@ def test_value_outside_its_bounds_is_named_with_unit():
 def test_names_must_differ():
     with pytest.raises(ConfigError, match="repeated: g"):
         ParameterSpace([Parameter("g", 0, 1), Parameter("g", 0, 2)])
+
+
+@pytest.mark.parametrize("method", ["clip", "values", "rounded", "physical", "named"])
+def test_what_is_no_number_is_refused_by_name(method):
+    space = ParameterSpace([Parameter("kp", 0, 1), choice("mode", ["a", "b"]), integer("n", 1, 3)])
+    for place, name in enumerate(("kp", "mode=a", "mode=b", "n")):
+        z = np.zeros(4)
+        z[place] = np.nan
+        with pytest.raises(ConfigError, match=f"got NaN for {name}$"):
+            getattr(space, method)(z)

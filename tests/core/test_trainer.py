@@ -172,3 +172,27 @@ def test_terminations_while_tuning_are_counted(tmp_path):
     result = train(tmp_path, ends_after=5)
     # Every lane's episodes of 5 steps; segments of 3 end with them.
     assert result["tuning_terminations"] == result["env_steps"] // 5 > 0
+
+
+class _Lost(Zoac):
+    """Recommends what is no number, from its third recommendation on."""
+
+    count = 0
+
+    def recommend(self):
+        _Lost.count += 1
+        return super().recommend() if _Lost.count < 3 else np.array([np.nan, 0.0])
+
+
+def test_a_recommendation_that_is_not_finite_is_not_taken(tmp_path, capsys):
+    """Nor after a resume: the last finite one is part of the checkpoint."""
+    _Lost.count = 0
+    calls = iter(range(1000))
+    with pytest.raises(Interrupted):
+        train(tmp_path, tuner=_Lost, stop=lambda: next(calls) == 8)
+    result = train(tmp_path, tuner=_Lost)
+    rows = numbers(tmp_path, "eval")
+    assert rows[0]["z"] != rows[1]["z"]
+    assert all(row["z"] == rows[1]["z"] for row in rows[1:])
+    assert result["z"] == rows[1]["z"]
+    assert "recommends [nan, 0.0], which is not finite; its last" in capsys.readouterr().err

@@ -20,4 +20,6 @@ def zeroth_order_gradient(
 
 def standardised(advantages: np.ndarray) -> np.ndarray:
     """Return the advantages shifted to mean 0 and scaled to standard deviation 1."""
+    if not np.isfinite(np.square(advantages).sum()):  # their squares would overflow
+        advantages = advantages / np.abs(advantages).max()
     return (advantages - advantages.mean()) / (advantages.std() + 1e-8)

@@ -21,6 +21,9 @@ from zoac.numbers import Count, NonNegative, Positive
 from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem, Tuner
 
+CRITIC_LIMIT = 1e15
+"""What the critic, a network in float32, is shown lies within: squares of it do not overflow."""
+
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -114,7 +117,7 @@ class Zoac(Tuner):
             self._theta = problem.nominal.copy()
         self._average = self._theta.copy()
         self._adam = Adam(self._theta)
-        self._iteration = 0
+        self._iteration = self._skipped = 0
         self._worst_cost = 0.0
         self._pending: tuple[np.ndarray, np.ndarray] | None = None  # states and their targets
         self._critic_loss: float | None = None
@@ -144,25 +147,26 @@ class Zoac(Tuner):
         """Update critic and parameters (Algorithm 1, lines 7 to 13)."""
         self.meanwhile()
         segments = self._finite(segments)
-        everything = np.concatenate([s.observations for s in segments])
+        everything = within_float32(np.concatenate([s.observations for s in segments]))
         # Advantages come from the critic as it was before this iteration's update, so the update
         # (line 11) can wait for a better moment: see `meanwhile`.
         values = self._critic.values(everything)
         ends = np.cumsum([len(s.observations) for s in segments])[:-1]
         advantages, targets = estimate(segments, np.split(values, ends), self._gamma, self._lam)
         states = np.concatenate([s.observations[:-1] for s in segments])
-        self._pending = states, np.concatenate(targets)
+        self._pending = within_float32(states), within_float32(np.concatenate(targets))
         weights = self._weights(advantages)
         gradient = zeroth_order_gradient(weights, self._directions, self._sigma)  # eq. (10)
         step_size = self.step_size
-        self._theta = self._theta.copy()
-        self._adam.descend(self._theta, gradient, step_size)
-        if self._project:
-            self._theta = self._problem.space.clip(self._theta)
-        self._average = self._decay * self._average + (1 - self._decay) * self._theta
         self._iteration += 1
+        if np.isfinite(np.square(gradient)).all():
+            self._move(gradient, step_size)
+        else:
+            self._skipped += 1
         loss = {} if self._critic_loss is None else {"critic_loss": self._critic_loss}
+        skipped = {"skipped_updates": self._skipped} if self._skipped else {}
         return {
+            **skipped,
             **loss,  # of the update before
             "advantage_mean": float(advantages.mean()),
             "advantage_std": float(advantages.std()),
@@ -170,6 +174,13 @@ class Zoac(Tuner):
             "step_size": step_size,
             "value_mean": float(values.mean()),
         }
+
+    def _move(self, gradient: np.ndarray, step_size: float) -> None:
+        self._theta = self._theta.copy()
+        self._adam.descend(self._theta, gradient, step_size)
+        if self._project:
+            self._theta = self._problem.space.clip(self._theta)
+        self._average = self._decay * self._average + (1 - self._decay) * self._theta
 
     def meanwhile(self) -> None:
         """Update the critic (Algorithm 1, line 11): most of the time, and nobody waits for it."""
@@ -215,6 +226,7 @@ class Zoac(Tuner):
             "average": self._average.copy(),
             "adam": self._adam.state(),
             "iteration": self._iteration,
+            "skipped": self._skipped,
             "worst_cost": self._worst_cost,
             "directions": self._directions.copy(),
         }
@@ -227,7 +239,7 @@ class Zoac(Tuner):
         self._pending = None
         self._theta, self._average = state["theta"].copy(), state["average"].copy()
         self._adam.restore(state["adam"])
-        self._iteration = state["iteration"]
+        self._iteration, self._skipped = state["iteration"], state.get("skipped", 0)
         self._worst_cost = state["worst_cost"]
         self._directions = state["directions"].copy()
 
@@ -241,3 +253,8 @@ class Zoac(Tuner):
                 "average": f"exponential average of the iterates, decay {self._decay:g}",
             }[self._recommend],
         }
+
+
+def within_float32(values: np.ndarray) -> np.ndarray:
+    """Return `values` within `CRITIC_LIMIT`, NaN as 0."""
+    return np.clip(np.where(np.isnan(values), 0.0, values), -CRITIC_LIMIT, CRITIC_LIMIT)
