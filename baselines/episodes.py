@@ -57,6 +57,7 @@ class EpisodeTuner(Tuner):
         self._costs = _CostRange()
         self._best = _Best(reevaluate_top, problem.space.dimension)
         self._waiting: list[np.ndarray] = []
+        self._unknown = np.zeros(problem.space.dimension)
         self._final: _Reevaluation | None = None
 
     @property
@@ -83,6 +84,20 @@ class EpisodeTuner(Tuner):
     @abstractmethod
     def _own_restore(self, state: Any) -> None:
         """Put back what `_own_state` returned."""
+
+    def _starting_point(self, start: str) -> np.ndarray:
+        """Return the mapped parameters (d,) of a start: "random", "nominal" or the "middle".
+
+        Nominal ones are also what is recommended while no cost is known.
+
+        Raises:
+            ConfigError: If it is "nominal" and the task has no nominal parameters.
+        """
+        if start == "random":
+            return self._rng.uniform(-1.0, 1.0, self._problem.space.dimension)
+        if start == "nominal":
+            self._unknown = nominal_point(self._problem, "start: nominal")
+        return self._unknown.copy()
 
     def _can_wait(self) -> bool:
         """Return whether `_draw` may be called again before `_learn` was."""
@@ -129,7 +144,7 @@ class EpisodeTuner(Tuner):
         return metrics
 
     def recommend(self) -> np.ndarray:
-        """Return what the option `recommendation` says; the box's middle if nothing is known."""
+        """Return what the option `recommendation` says; while nothing is known, start or middle."""
         if self._final is not None and self._final.begun:
             return self._final.best
         z = None
@@ -138,7 +153,7 @@ class EpisodeTuner(Tuner):
         if z is None and len(self._best):
             z = self._best.points[0]
         if z is None:
-            z = np.zeros(self._problem.space.dimension)
+            z = self._unknown
         return self._problem.space.clip(np.array(z, dtype=np.float64))
 
     def describe(self) -> dict[str, Any]:
@@ -174,19 +189,6 @@ class EpisodeTuner(Tuner):
         if state["final"] is not None:
             self._final = _Reevaluation(self._problem, self._best)
             self._final.restore(state["final"])
-
-
-def starting_point(problem: Problem, start: str, rng: np.random.Generator) -> np.ndarray:
-    """Return the mapped parameters (d,) to start from: "random", "nominal" or the "middle".
-
-    Raises:
-        ConfigError: If it is "nominal" and the task has no nominal parameters.
-    """
-    if start == "random":
-        return rng.uniform(-1.0, 1.0, problem.space.dimension)
-    if start == "nominal":
-        return nominal_point(problem, "start: nominal")
-    return np.zeros(problem.space.dimension)
 
 
 def nominal_point(problem: Problem, wanted_by: str) -> np.ndarray:

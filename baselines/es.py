@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from zoac.algorithm.adam import Adam
-from zoac.baselines.episodes import EpisodeTuner, starting_point
+from zoac.baselines.episodes import EpisodeTuner
 from zoac.numbers import Count, Positive, Share
 from zoac.tuner import Problem
 
@@ -55,7 +55,7 @@ class EvolutionStrategy(EpisodeTuner):
         self._step_size = step_size
         self._standardise = standardise_costs
         self._start = start
-        self._theta = starting_point(problem, start, self._rng)
+        self._theta = self._starting_point(start)
         self._adam = Adam(self._theta)
         self._noise: list[np.ndarray] = []
 

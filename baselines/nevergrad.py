@@ -7,15 +7,15 @@ import time
 import warnings
 import weakref
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, ClassVar, Literal
 
 import nevergrad as ng
 import numpy as np
-from nevergrad.common.errors import InefficientSettingsWarning
+from nevergrad.common.errors import InefficientSettingsWarning, TellNotAskedNotSupportedError
 from nevergrad.optimization import recaster
 
-from zoac.baselines.episodes import EpisodeTuner, starting_point
+from zoac.baselines.episodes import EpisodeTuner
 from zoac.errors import ConfigError, suggest
 from zoac.numbers import Count, Positive, Share
 from zoac.tuner import Problem
@@ -88,7 +88,7 @@ class NevergradTuner(EpisodeTuner):
         Args:
             problem: What is tuned.
             factory: Makes the optimiser.
-            start: See `starting_point`: the parametrization's initial value.
+            start: "random", "nominal" or "middle": the parametrization's initial value.
             spread: Standard deviation of Nevergrad's mutations, in the mapped box; None: the
                 library's.
             workers: How many evaluations the library plans for at a time; None: the number of
@@ -112,7 +112,7 @@ class NevergradTuner(EpisodeTuner):
         self._spread = LIBRARY_SPREAD if spread is None else spread
         one_by_one = getattr(factory, "no_parallelization", False)
         self._workers = workers or (1 if one_by_one else problem.lanes)
-        self._first = starting_point(problem, start, self._rng)
+        self._first = self._starting_point(start)
         self._seed = int(self._rng.integers(2**32))
         self._begin()
 
@@ -177,7 +177,9 @@ class NevergradTuner(EpisodeTuner):
     def _learn(self, costs: np.ndarray) -> dict[str, float]:
         with self._library():
             for candidate, cost in zip(self._asked, costs, strict=True):
-                self._optimizer.tell(candidate, float(cost))
+                # Some optimisers learn from no point but their own: then not from a start.
+                with suppress(TellNotAskedNotSupportedError):
+                    self._optimizer.tell(candidate, float(cost))
         self._asked = []
         self._history.append(costs)
         return {}
@@ -218,7 +220,10 @@ class NevergradTuner(EpisodeTuner):
 
 
 class Nevergrad(NevergradTuner):
-    """The optimiser called `name` in Nevergrad's registry."""
+    """The optimiser called `name` in Nevergrad's registry.
+
+    Some optimisers ignore an initial value, so nominal parameters are its first point as well.
+    """
 
     def __init__(
         self,
@@ -235,7 +240,8 @@ class Nevergrad(NevergradTuner):
         Args:
             problem: What is tuned.
             name: A name in `nevergrad.optimizers.registry`.
-            start: The value that the optimiser starts from; some ignore it.
+            start: The value that the optimiser starts from; some ignore it, but nominal parameters
+                are then evaluated first.
             spread: Standard deviation of Nevergrad's mutations in the mapped box; None: the
                 library's.
             recommendation: "library": the optimiser's own; or see `EpisodeTuner`.
@@ -257,6 +263,12 @@ class Nevergrad(NevergradTuner):
             reevaluate_top=reevaluate_top,
             reevaluate_share=reevaluate_share,
         )
+
+    def _make(self) -> Optimizer:
+        optimizer = super()._make()
+        if self._start == "nominal":
+            optimizer.suggest(self._first)
+        return optimizer
 
     def describe(self) -> dict[str, Any]:
         """Return the choices that a fair comparison must show."""

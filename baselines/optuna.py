@@ -13,7 +13,7 @@ from scipy.special import ndtri
 from scipy.stats import rankdata
 
 from zoac.baselines.bo import kept_observations
-from zoac.baselines.episodes import EpisodeTuner, starting_point
+from zoac.baselines.episodes import EpisodeTuner
 from zoac.errors import ConfigError
 from zoac.numbers import Count, Share
 from zoac.parameters import Parameter, ParameterSpace
@@ -76,7 +76,7 @@ class Optuna(EpisodeTuner):
             "max_observations": max_observations,
             "start": start,
         }
-        self._first = starting_point(problem, start, self._rng)
+        self._first = self._starting_point(start)
         self._sampler = _sampler(sampler, initial_design, int(self._rng.integers(1, 2**32)))
         self._distributions = {p.name: _distribution(p) for p in problem.space.parameters}
         self._points = np.empty((0, problem.space.dimension))

@@ -18,8 +18,10 @@ PLUS = {
 }
 
 
-def make_plus(seed=0, lanes=4, budget=10_000, branches=True, **options):
-    problem = Problem(CountingTask.space, 3, lanes, budget, 7, seed, branches=branches)
+def make_plus(seed=0, lanes=4, budget=10_000, branches=True, baseline=None, **options):
+    problem = Problem(
+        CountingTask.space, 3, lanes, budget, 7, seed, branches=branches, baseline=baseline
+    )
     return ZoacPlus(problem, **{**PLUS, **options})
 
 
@@ -175,6 +177,47 @@ def test_the_finals_recommend_the_lowest_mean_cost():
     costs = [0.0, 3.0, 9.0, 4.0, 9.0, 3.0]
     finals.tell([s.with_costs(np.array([c])) for s, c in zip(lucky, costs, strict=True)])
     assert np.array_equal(finals.best, good)
+
+
+def test_the_baseline_meets_them_there_and_may_win():
+    baseline = np.array([-1.0, 0.3])
+    tuner = make_plus(race_share=0.2, finals_share=0.3, baseline=baseline)
+    group = lane_group(CountingTask(), range(4))
+    spent_by(tuner, group, lambda t: t._in_finals)
+    batch = group.rollout(tuner.ask())
+    assert len(batch) == 5
+    assert np.array_equal(batch[-1].proposal.z, baseline)
+    tuner.tell([*(s.with_costs(s.costs + 1.0) for s in batch[:-1]), batch[-1]])
+    assert np.array_equal(tuner.recommend(), baseline)
+    assert "and the start values" in tuner.describe()["recommendation"]
+
+
+@pytest.mark.parametrize("budget", [200, 230, 260])
+def test_an_iteration_that_would_leave_no_finals_is_not_begun(budget):
+    """A tenth of so small a budget is less than an iteration."""
+    tuner = make_plus(finals_share=0.1, budget=budget)
+    group, steps = lane_group(CountingTask(), range(4)), 0
+    while steps < budget:
+        segments = group.rollout(tuner.ask())
+        tuner.tell(segments)
+        steps += sum(s.length for s in segments)
+    assert tuner._finals.begun
+
+
+def test_plain_costs_and_constraints_decide_the_finals():
+    finals = HeldOut(Problem(CountingTask.space, 3, 6, 1000, 7, 0), "finals")
+    for z in ([0.1, 0.2], [0.3, 0.4], [0.5, 0.6]):
+        finals.enter(np.array(z))
+    segments = lane_group(CountingTask(), range(6)).rollout(finals.ask(1))
+    plain, told, violations = (1.0, 2.0, 3.0), (9.0, 9.0, 0.0), (0.5, 0.0, 0.0)
+    finals.tell([
+        dataclasses.replace(
+            s, costs=np.array([told[k]]), reported_costs=np.array([plain[k]]),
+            violation=violations[k],
+        )
+        for k, s in enumerate(segments)
+    ])  # fmt: skip
+    assert finals.ranking.tolist() == [1, 2, 0]
 
 
 def test_held_out_episodes_are_not_those_of_the_search():

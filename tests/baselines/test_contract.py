@@ -3,6 +3,7 @@
 import json
 import pickle
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,8 +18,9 @@ from tests.baselines.support import (
     true_cost,
     tuner_config,
 )
-from zoac.build import build
+from zoac.build import baseline_use, build
 from zoac.errors import ConfigError
+from zoac.trainer import Settings
 
 NAMES = sorted(path.stem for path in (CONF / "tuner").glob("*.yaml"))
 SEARCHING = [name for name in NAMES if name != "nominal"]
@@ -103,6 +105,40 @@ def test_recommendation_lies_in_the_box_from_the_start(name):
         assert np.all(np.abs(problem().space.clip(z)) <= 1.0)
         assert np.isfinite(z).all()
         drive(tuner, group, short(name) // 3)
+
+
+START = np.array([0.8, -0.8, 0.8, -0.8, 0.8])
+
+
+@pytest.mark.parametrize("recommendation", ["its own", "best_seen"])
+@pytest.mark.parametrize("name", SEARCHING)
+def test_a_tuner_that_is_given_start_values_begins_there_or_says_that_it_only_compares(
+    name, recommendation
+):
+    """There is: its first points are centred there, or the start is one of them."""
+    config = tuner_config(name) | OPTIONS.get(name, {})
+    if recommendation == "best_seen" and "recommendation" in config:
+        config["recommendation"] = recommendation
+    takes_a_start = "start" in config
+    config |= {"start": "nominal"} if takes_a_start else {}
+    tuner = build(config, "tuner", problem=problem(nominal=START, baseline=START))
+    told = baseline_use(config, SimpleNamespace(nominal={"a": 0.0}), Settings())["start values"]
+    if not takes_a_start:
+        assert told == "only compared, the search does not begin there"
+        return
+    assert told.startswith("the search begins there")
+    assert np.array_equal(tuner.recommend(), START)
+    points = np.stack([p.z for p in tuner.ask()])
+    among_them = np.abs(points - START).max(axis=1).min() < 1e-6
+    assert among_them or np.linalg.norm(points.mean(axis=0) - START) < 0.6
+
+
+@pytest.mark.parametrize("name", SEARCHING)
+def test_a_tuner_that_is_not_told_to_begin_at_the_start_values_says_so(name):
+    task = SimpleNamespace(nominal={"a": 0.0})
+    told = baseline_use(tuner_config(name), task, Settings())["start values"]
+    assert told.startswith("only compared, the search does not begin there")
+    assert baseline_use(tuner_config(name), SimpleNamespace(nominal=None), Settings()) == {}
 
 
 @pytest.mark.parametrize("name", SEARCHING)

@@ -74,6 +74,28 @@ def test_reevaluation_spends_the_last_share_of_the_budget():
     assert metrics["reevaluation_rounds"] == 10
 
 
+def test_the_baseline_is_evaluated_with_the_best_and_may_win():
+    given = problem(0, 500, baseline=TARGET)
+    tuner, group = RandomSearch(given, recommendation="reevaluated", reevaluate_top=5), lanes()
+    drive(tuner, group, 450 * STEPS)
+    assert any(np.array_equal(p.z, TARGET) for p in tuner.ask())
+    drive(tuner, group, 50 * STEPS)
+    assert np.array_equal(tuner.recommend(), TARGET)
+
+
+@pytest.mark.parametrize("episodes", [20, 25, 33])
+def test_a_batch_that_would_leave_no_round_of_reevaluation_is_not_begun(episodes):
+    """A tenth of so small a budget is less than a batch of five episodes."""
+    given = problem(0, episodes)
+    tuner, group = RandomSearch(given, recommendation="reevaluated", reevaluate_top=3), lanes()
+    steps = 0
+    while steps < given.budget:
+        segments = group.rollout(tuner.ask())
+        steps += sum(s.length for s in segments)
+        metrics = tuner.tell(segments)
+    assert metrics["reevaluation_rounds"] >= 1
+
+
 def test_reevaluation_reports_how_lucky_the_best_had_been():
     """Random points cost alike here, so that noise alone makes the best seem good."""
     tuner, group = reevaluated(), lanes()

@@ -4,13 +4,18 @@ import numpy as np
 import pytest
 
 import zoac
+from tests.core.test_trainer import RUN
 from tests.support import CountingTask, lane_group, same_segment
-from zoac import gate
+from zoac import build, gate
 from zoac.best_evaluated import BestEvaluated
+from zoac.config import compose_config, resolved
 from zoac.errors import ConfigError
 from zoac.evaluation import evaluation_proposals
-from zoac.records import read_metrics
+from zoac.executor import Serial
+from zoac.records import CLOCKS, read_metrics
+from zoac.runlog import RunLog
 from zoac.segments import Proposal
+from zoac.trainer import Interrupted, Trainer
 from zoac.tuner import Problem, Tuner
 
 
@@ -155,3 +160,41 @@ def test_last_is_what_a_run_does_anyway(tmp_path):
 def test_another_word_is_refused():
     with pytest.raises(ConfigError, match="select='best'"):
         zoac.tune(task=CountingTask(), budget=300, select="best", quiet=True)
+
+
+@pytest.mark.parametrize("tuner", ["zoac_plus", "random", "cmaes_full"])
+def test_a_run_killed_at_any_batch_gives_the_bits_of_one_that_was_not(tuner, tmp_path):
+    """With selection and acceptance test, through checkpoints."""
+    overrides = [f"tuner={tuner}", "gate=0.3", "select=best_evaluated", "budget=1500", "lanes=4",
+                 "eval_every=200", "evaluation.episodes=2",
+                 "evaluation.final_episodes=3"]  # fmt: skip
+    config = resolved(compose_config(overrides))
+    settings = build.build_settings(config)
+
+    def run(folder, stop):
+        task, executor = CountingTask(), Serial()
+        made = build.build_tuner(config["tuner"], task, settings)
+        executor.start(task, settings.lanes, settings.seed)
+        log = RunLog(folder, RUN)
+        try:
+            return Trainer(task, made, executor, settings, log, stop).run()
+        except Interrupted:
+            return None
+        finally:
+            log.close()
+
+    folders = [tmp_path / name for name in ("whole", "killed")]
+    for folder in folders:
+        folder.mkdir()
+    whole, killed, kills = run(folders[0], lambda: False), None, 0
+    while killed is None:  # every process carries out one batch and is stopped
+        killed, kills = run(folders[1], lambda: True), kills + 1
+    assert kills > 20
+    assert whole["gate"]["pairs"] > 5
+    assert without_clocks(killed) == without_clocks(whole)
+    rows = [list(map(without_clocks, read_metrics(folder))) for folder in folders]
+    assert rows[0] == rows[1]
+
+
+def without_clocks(row):
+    return {key: value for key, value in row.items() if key not in CLOCKS}
