@@ -96,6 +96,9 @@ def _of_evaluations(
 
 def _of_the_gate(result: Mapping[str, Any]) -> list[str]:
     gate = result.get("gate")
-    if gate is None or gate["pairs"] >= MIN_PAIRS:
+    if gate is None or gate["pairs"] >= MIN_PAIRS or gate["candidate_is_start"]:
         return []
-    return [f"Nothing could take the place of the start values: {gate['text']}."]
+    return [
+        f"The acceptance test had {gate['pairs']} pairs of episodes and fewer than {MIN_PAIRS} "
+        "accept nothing, so the answer is the start values: give gate or budget more steps."
+    ]

@@ -76,9 +76,14 @@ class Gate(ReservedSteps):
         self._episodes = HeldOut(problem, "gate")
 
     def _begin(self) -> None:
-        self._pairs = self._left // (2 * self._problem.max_episode_steps)
         self._episodes.enter(self._start)
         self._episodes.enter(self._tuner.recommend())
+        if not self._candidate_is_start:
+            self._pairs = self._left // self._episodes.steps(1)
+
+    @property
+    def _candidate_is_start(self) -> bool:
+        return not self._searching and bool(np.ptp(self._episodes.candidates, axis=0).max() == 0)
 
     def _ask_after(self) -> list[Proposal]:
         left = self._pairs - len(self._episodes.costs)
@@ -116,6 +121,7 @@ class Gate(ReservedSteps):
         verdict = {
             "accepted": self.accepted,
             "pairs": len(episodes.costs),
+            "candidate_is_start": self._candidate_is_start,
             "start_cost_mean": start,
             "candidate_cost_mean": candidate,
             "start_failures": failures[0],
@@ -126,6 +132,8 @@ class Gate(ReservedSteps):
         return {**super().outcome(), "gate": verdict}
 
     def _not_run(self) -> str:
+        if self._candidate_is_start:
+            return "the search recommends the start values themselves"
         return (
             f"the test could not be run: a pair of episodes may take "
             f"{2 * self._problem.max_episode_steps:,} steps, and {self._left:,} were left for it"
