@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import io
-import pickle
 import warnings
 from collections.abc import Callable
+from copy import deepcopy
 from functools import partial
 from typing import Annotated, Any, Literal
 
@@ -20,6 +20,7 @@ from zoac.baselines.acquisition import Acquisition
 from zoac.baselines.nevergrad import NevergradTuner
 from zoac.numbers import Count, NonNegative, Positive, Share
 from zoac.parameters import ParameterSpace
+from zoac.state import OwnObject
 from zoac.tuner import Problem
 
 Rounding = Callable[[np.ndarray], np.ndarray]
@@ -130,11 +131,12 @@ class BayesOpt(NevergradTuner):
         return points[int(np.argmax(means))] * 2.0 - 1.0
 
     def _own_state(self) -> Any:
-        # Replaying would ask everything again, for hours; this optimiser pickles exactly.
-        return pickle.dumps((self._optimizer, self._asked, self._global_random))
+        # Replaying would ask everything again, for hours; this optimiser is copied exactly.
+        return OwnObject(deepcopy((self._optimizer, self._asked))), self._global_random
 
     def _own_restore(self, state: Any) -> None:
-        self._optimizer, self._asked, self._global_random = pickle.loads(state)
+        library, self._global_random = state
+        self._optimizer, self._asked = deepcopy(library.value)
 
     def describe(self) -> dict[str, Any]:
         """Return the choices that a fair comparison must show."""

@@ -79,7 +79,7 @@ class EpisodeTuner(Tuner):
 
     @abstractmethod
     def _own_state(self) -> Any:
-        """Return a picklable copy of what the subclass adds to the state."""
+        """Return a copy of what the subclass adds to the state; see `Tuner.state`."""
 
     @abstractmethod
     def _own_restore(self, state: Any) -> None:

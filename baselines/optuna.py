@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import pickle
 import warnings
 from collections.abc import Mapping
+from copy import deepcopy
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from zoac.baselines.episodes import EpisodeTuner
 from zoac.errors import ConfigError
 from zoac.numbers import Count, Share
 from zoac.parameters import Parameter, ParameterSpace
+from zoac.state import OwnObject
 from zoac.tuner import Problem
 
 try:
@@ -124,10 +125,12 @@ class Optuna(EpisodeTuner):
         return None
 
     def _own_state(self) -> Any:
-        return pickle.dumps((self._sampler, self._points, self._seen, self._asked))
+        asked = [point.copy() for point in self._asked]
+        return OwnObject(deepcopy(self._sampler)), self._points.copy(), self._seen.copy(), asked
 
     def _own_restore(self, state: Any) -> None:
-        self._sampler, self._points, self._seen, self._asked = pickle.loads(state)
+        sampler, self._points, self._seen, asked = state
+        self._sampler, self._asked = deepcopy(sampler.value), list(asked)
 
     def describe(self) -> dict[str, Any]:
         """Return the choices that a fair comparison must show."""

@@ -51,7 +51,7 @@ def child(folder: Path, die_at: int, acknowledged: Path) -> int:
 
     builtins.open = opening  # type: ignore[assignment]
     for number in (1, 2, 3):
-        checkpoint.save(folder, {"number": number, "ballast": b"x" * 100_000})
+        checkpoint.save(folder, {"number": number, "ballast": "x" * 100_000})
         descriptor = os.open(acknowledged, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         calls -= 1  # not part of the write under test
         os.write(descriptor, str(number).encode())

@@ -1,7 +1,9 @@
 """Checkpoints: written atomically, the previous one kept, damage noticed.
 
-A checkpoint file is one line of JSON (format version, SHA-256 of the rest) and a pickle. Pickles
-run code when read: only resume runs from folders you trust.
+A checkpoint file is one line of JSON (format version, SHA-256 of the rest, length of its first
+part) and the two parts of `zoac.state.Encoded`: numbers and text, and a pickle of objects, which
+tasks of zoac do not need. A pickle runs code when it is opened. This one is opened only if a run
+goes on that uses such objects: go on with other people's runs only if you trust them.
 """
 
 from __future__ import annotations
@@ -9,16 +11,16 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import cloudpickle
-
-from zoac.errors import RunFolderError
+from zoac.errors import RunFolderError, ZoacError
 from zoac.records import sync_folder, write_atomically
+from zoac.state import Encoded, decode, encode
 
-FORMAT = 1
+FORMAT = 2
 CURRENT, PREVIOUS = "current.ckpt", "previous.ckpt"
 
 
@@ -27,12 +29,14 @@ def save(folder: Path, state: Any) -> None:
 
     Raises:
         OSError: If it cannot be written; the earlier checkpoints are then untouched.
+        UnsavableError: If the state holds something that is not plain; likewise.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    body = cloudpickle.dumps(state)  # takes what pickle does not: classes made in a function
-    header = json.dumps({"format": FORMAT, "sha256": hashlib.sha256(body).hexdigest()})
+    plain, objects = encode(state)
+    checksum = hashlib.sha256(plain + objects).hexdigest()
+    header = json.dumps({"format": FORMAT, "sha256": checksum, "plain": len(plain)})
     fresh = folder / "fresh.ckpt"
-    write_atomically(fresh, header.encode() + b"\n" + body)
+    write_atomically(fresh, header.encode() + b"\n" + plain + objects)
     # A crash between the two renames leaves the previous one and the fresh one, both whole.
     if (folder / CURRENT).exists():
         os.replace(folder / CURRENT, folder / PREVIOUS)
@@ -64,13 +68,23 @@ def load(folder: Path) -> tuple[Any, list[str]] | None:
     return None
 
 
-def unfit(what: str, error: Exception) -> RunFolderError:
+def unfit(what: str, reason: str) -> RunFolderError:
     """Return the refusal of a whole checkpoint that the installed packages cannot take up."""
     return RunFolderError(
-        f"{what}: it is whole, but not of these versions of zoac and its packages "
-        f"({type(error).__name__}: {error}). Finish the run with those that began it, or start "
-        "anew with resume=overwrite"
+        f"{what}: it is whole, but not of these versions of zoac and its packages ({reason}). "
+        "Finish the run with those that began it, or start anew with resume=overwrite"
     )
+
+
+@contextmanager
+def fitting(what: str) -> Iterator[None]:
+    """Take up a part of a checkpoint: whatever is raised meanwhile says that it does not fit."""
+    try:
+        yield
+    except ZoacError:
+        raise
+    except Exception as error:
+        raise unfit(what, f"{type(error).__name__}: {error}") from error
 
 
 class _DamagedError(Exception):
@@ -84,7 +98,7 @@ def _read(path: Path) -> Any:
         raise _DamagedError(f"cannot be read ({error.strerror})") from None
     try:
         header = json.loads(line)
-        version, checksum = header["format"], header["sha256"]
+        version = header["format"]
     except (ValueError, KeyError, TypeError):
         raise _DamagedError("the header is damaged") from None
     if version != FORMAT:
@@ -92,9 +106,8 @@ def _read(path: Path) -> Any:
             f"{path}: checkpoint format {version!r}; this version of zoac reads format {FORMAT}. "
             "Finish the run with the version that began it, or start anew with resume=overwrite"
         )
-    if hashlib.sha256(body).hexdigest() != checksum:
+    if hashlib.sha256(body).hexdigest() != header.get("sha256"):
         raise _DamagedError("the content does not match its checksum")
-    try:
-        return pickle.loads(body)
-    except Exception as error:
-        raise unfit(str(path), error) from error
+    with fitting(str(path)):
+        length = header["plain"]
+        return decode(Encoded(body[:length], body[length:]))

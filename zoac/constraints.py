@@ -116,7 +116,7 @@ class FeasibilityFirst:
         return self.price * np.where(amounts > 0, 1.0 + share, 0.0).sum(axis=1)
 
     def state(self) -> Any:
-        """Return a picklable copy of everything that `told` depends on."""
+        """Return a copy of everything that `told` depends on."""
         return dict(self._totals), self._low, self._high
 
     def restore(self, state: Any) -> None:

@@ -89,7 +89,7 @@ class LaneEnv(VectorEnv, ABC):
 
     @abstractmethod
     def state(self, lanes: Sequence[int] | np.ndarray) -> LaneState:
-        """Return a copy of all that `lanes` hold, random streams included."""
+        """Return a copy of all that `lanes` hold, random streams included; see `zoac.state`."""
 
     @abstractmethod
     def restore(self, lanes: Sequence[int] | np.ndarray, state: LaneState) -> np.ndarray:

@@ -28,7 +28,7 @@ class ControllerError(ZoacError):
 
 
 class UnsavableError(ZoacError):
-    """An environment that cannot be put back to where it stood was to be saved."""
+    """Something cannot be saved: what a checkpoint cannot hold, or what cannot be put back."""
 
 
 class WorkerError(ZoacError):

@@ -40,7 +40,7 @@ class Executor(ABC):
 
     @abstractmethod
     def state(self) -> dict[int, Any]:
-        """Return the picklable state of every tuning lane, by lane id."""
+        """Return the state of every tuning lane, by lane id; see `zoac.state`."""
 
     @abstractmethod
     def restore(self, state: Mapping[int, Any]) -> None:

@@ -22,6 +22,7 @@ from zoac.errors import (
 )
 from zoac.objective import Objective
 from zoac.seeding import stream
+from zoac.state import OwnObject
 
 Bounds = tuple[float, float] | list[float]
 
@@ -202,8 +203,9 @@ class GymnasiumLanes(LaneEnv):
 
     def state(self, lanes: Sequence[int] | np.ndarray) -> dict[str, Any]:
         """See `LaneEnv.state`."""
+        envs = [copy.deepcopy(self._envs[lane]) for lane in np.asarray(lanes).tolist()]
         return {
-            "envs": [copy.deepcopy(self._envs[lane]) for lane in np.asarray(lanes).tolist()],
+            "envs": OwnObject(envs),
             "draws": [copy.deepcopy(self._draws[lane]) for lane in np.asarray(lanes).tolist()],
             "seen": self._seen[lanes].copy(),
             "steps": self._steps[lanes].copy(),
@@ -211,7 +213,8 @@ class GymnasiumLanes(LaneEnv):
 
     def restore(self, lanes: Sequence[int] | np.ndarray, state: dict[str, Any]) -> np.ndarray:
         """See `LaneEnv.restore`."""
-        rows = zip(np.asarray(lanes).tolist(), state["envs"], state["draws"], strict=True)
+        envs, draws = state["envs"].value, state["draws"]
+        rows = zip(np.asarray(lanes).tolist(), envs, draws, strict=True)
         for lane, env, draws in rows:
             self._envs[lane] = copy.deepcopy(env)
             self._draws[lane] = copy.deepcopy(draws)

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-import cloudpickle
 import numpy as np
 
 from zoac.environment import LaneEnv
 from zoac.rollout import LaneGroup
 from zoac.segments import Proposal
+from zoac.state import decode, encode
 
 if TYPE_CHECKING:
     from zoac.task import Task
@@ -45,7 +45,7 @@ def restore_fault(make_env: Callable[[int], LaneEnv], pickled: bool = False) -> 
         try:
             state = env.state([0])
             if pickled:
-                state = cloudpickle.loads(cloudpickle.dumps(state))
+                state = decode(encode(state))
             expected = _onwards(env, actions)
             other.restore([0], state)
         except Exception as error:  # whatever a user's environment raises when it is copied

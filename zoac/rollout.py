@@ -15,6 +15,7 @@ from zoac.errors import ControllerError, EnvironmentFailure, UnsavableError, Zoa
 from zoac.recording import Recording
 from zoac.seeding import stream_seed
 from zoac.segments import Proposal, Segment
+from zoac.state import OwnObject
 
 if TYPE_CHECKING:
     from zoac.task import Task
@@ -341,7 +342,7 @@ class LaneGroup:
         return {
             "env": self._env.state([lane]),
             "observation": self._observations[lane].copy(),
-            "memory": {name: deepcopy(value[lane]) for name, value in self._memory.items()},
+            "memory": {name: _copied_row(value, lane) for name, value in self._memory.items()},
             "steps": int(self._steps[lane]),
             "needs_reset": bool(self._needs_reset[lane]),
             "first_seed": self._first_seeds[lane],
@@ -352,14 +353,17 @@ class LaneGroup:
         self._env.restore([lane], snapshot["env"])
         self._observations = self._observations.copy()
         self._observations[lane] = snapshot["observation"]
-        self._set_memory(lane, snapshot["memory"])
+        memory = snapshot["memory"]
+        self._set_memory(
+            lane, {k: row.value if isinstance(row, OwnObject) else row for k, row in memory.items()}
+        )
         self._steps[lane] = snapshot["steps"]
         self._needs_reset[lane] = snapshot["needs_reset"]
         self._first_seeds[lane] = snapshot["first_seed"]
         self._restarts[lane] = snapshot["restarts"]
 
     def state(self) -> dict[int, Any]:
-        """Return a picklable copy of every lane's state, by lane id.
+        """Return a copy of every lane's state, by lane id; see `zoac.state`.
 
         Raises:
             UnsavableError: If the environment cannot be put back to where it stood.
@@ -397,6 +401,12 @@ def _joined(
 
 def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: np.array(value) for name, value in arrays.items()}
+
+
+def _copied_row(rows: np.ndarray, lane: int) -> Any:
+    """Return a copy of a lane's row, such as a state can hold."""
+    row = deepcopy(rows[lane])
+    return OwnObject(row) if rows.dtype.hasobject else row
 
 
 def _scatter(rows: np.ndarray, lanes: np.ndarray, n: int) -> np.ndarray:

@@ -12,12 +12,11 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from typing import Annotated, Any, Literal
 
-import cloudpickle
 import numpy as np
 from pydantic import Field
 
 from zoac.answer_checks import warnings
-from zoac.checkpoint import unfit
+from zoac.checkpoint import fitting, unfit
 from zoac.constraints import FeasibilityFirst
 from zoac.errors import NothingWorksError, ZoacError
 from zoac.evaluation import evaluation_proposals, evaluation_row
@@ -26,6 +25,7 @@ from zoac.numbers import Count, Natural, NonNegative, Share
 from zoac.runlog import RunLog
 from zoac.seeding import stream_seed
 from zoac.segments import Segment
+from zoac.state import encode
 from zoac.task import Task
 from zoac.tuner import Tuner
 
@@ -341,7 +341,7 @@ class Trainer:
             return None
         try:
             state = self._executor.state()
-            cloudpickle.dumps(state)
+            encode(state)
         except Exception as error:  # whatever a user's environment or controller raises
             self._lanes_unsaved = True
             reason = error if isinstance(error, ZoacError) else f"{type(error).__name__}: {error}"
@@ -361,18 +361,20 @@ class Trainer:
         if state is None:
             self._log.rewind(0)
             return
+        _same_keys("the checkpoint", state, dict.fromkeys(_STATE))
+        _same_keys("the progress in the checkpoint", state["progress"], asdict(Progress()))
         self.progress = Progress(**state["progress"])
-        try:
+        with fitting(of_tuner := "the tuner's state in the checkpoint"):
+            _same_keys(of_tuner, state["tuner"], self._tuner.state())
             self._tuner.restore(state["tuner"])
-        except Exception as error:
-            raise unfit("the tuner's state in the checkpoint", error) from error
-        if state["lanes"] is not None:
-            self._executor.restore(state["lanes"])
-        else:
-            self._begin_new_episodes()
-        if "constraints" in state:  # a checkpoint of version 0.1.0 has none
+        with fitting("the constraints' state in the checkpoint"):
             self._constraints.restore(state["constraints"])
-        self._last_finite = state.get("last_finite", self._last_finite)  # since version 0.2.0
+        self._last_finite = state["last_finite"]
+        if state["lanes"] is None:
+            self._begin_new_episodes()
+        else:
+            with fitting("the environments' state in the checkpoint"):
+                self._executor.restore(state["lanes"])
         self._log.rewind(self.progress.log_bytes)
 
     def _begin_new_episodes(self) -> None:
@@ -387,5 +389,23 @@ class Trainer:
 HOPELESS = 10
 """Episodes after which a run whose every episode failed at its first step ends: no parameters
 would help, or something is misspelt."""
+
+_STATE = ("progress", "tuner", "lanes", "constraints", "last_finite")
+"""Keys of a checkpoint."""
+
+
+def _same_keys(what: str, found: Any, expected: Any) -> None:
+    """Refuse a part of a checkpoint with other keys than this version writes.
+
+    Raises:
+        RunFolderError: If it has; a part that is no dict has none.
+    """
+    names, known = (set(part) if isinstance(part, dict) else set() for part in (found, expected))
+    faults = [f"{says} {', '.join(map(repr, sorted(keys, key=str)))}"
+              for says, keys in (("unknown:", names - known), ("missing:", known - names))
+              if keys]  # fmt: skip
+    if faults:
+        raise unfit(what, "; ".join(faults))
+
 
 _PARTS = ("solver", "tuner", "evaluation", "checkpoint")

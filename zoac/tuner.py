@@ -78,7 +78,11 @@ class Tuner(ABC):
 
     @abstractmethod
     def state(self) -> Any:
-        """Return a picklable copy of everything that `ask`, `tell` and `recommend` depend on."""
+        """Return a copy of everything that `ask`, `tell` and `recommend` depend on.
+
+        Numbers, text, arrays, and dicts, lists and tuples of them; see `zoac.state`. A dict has
+        always the same keys.
+        """
 
     @abstractmethod
     def restore(self, state: Any) -> None:

@@ -1,4 +1,3 @@
-import pickle
 import sys
 
 import numpy as np
@@ -13,6 +12,7 @@ from zoac.baselines.bo import BayesOpt, BoundedRegressor, kept_observations, max
 from zoac.baselines.optuna import Optuna, normal_scores
 from zoac.baselines.random_search import RandomSearch
 from zoac.errors import ConfigError
+from zoac.state import decode, encode
 
 # The library's estimate of the length scale ends at a bound now and then.
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -183,7 +183,7 @@ def test_optunas_gaussian_process_restores_exactly():
     tuner, group = make(), lanes()
     drive(tuner, group, 10 * STEPS)
     twin, twin_group = make(), lanes()
-    twin.restore(pickle.loads(pickle.dumps(tuner.state())))
+    twin.restore(decode(encode(tuner.state())))
     twin_group.restore(group.state())
     np.random.seed(3)  # noqa: NPY002
     asked = drive(twin, twin_group, 5 * STEPS)

@@ -7,7 +7,7 @@ import pytest
 
 from tests.algorithm.test_zoac import OPTIONS
 from tests.support import CountingTask
-from zoac import trainer
+from zoac import checkpoint, trainer
 from zoac.algorithm.zoac import Zoac
 from zoac.errors import RunFolderError
 from zoac.executor import Serial
@@ -104,6 +104,33 @@ def test_a_tuners_state_that_does_not_fit_is_refused(tmp_path):
         train(tmp_path, stop=lambda: next(calls) == 2)
     with pytest.raises(RunFolderError, match="tuner's state.*KeyError.*resume=overwrite"):
         train(tmp_path, tuner=_Renamed)
+
+
+FOREIGN = [
+    (lambda s: s["progress"].update(rounds=3), "the progress in the checkpoint.*unknown: 'rounds'"),
+    (lambda s: s["progress"].pop("env_steps"), "the progress in the .*missing: 'env_steps'"),
+    (lambda s: s.update(progress=3), "the progress in the checkpoint.*missing: 'checkpoint_sec"),
+    (lambda s: s["tuner"].update(momentum=0.9), "the tuner's state.*unknown: 'momentum'"),
+    (lambda s: s["tuner"].pop("adam"), "the tuner's state.*missing: 'adam'"),
+    (lambda s: s["tuner"]["critic"].pop("adam"), "the tuner's state.*KeyError: 'adam'"),
+    (lambda s: s.pop("constraints"), "the checkpoint: .*missing: 'constraints'"),
+    (lambda s: s.update(sequel=1), "the checkpoint: .*unknown: 'sequel'"),
+    (lambda s: s.update(constraints=()), "the constraints' state.*ValueError"),
+    (lambda s: s["lanes"].pop(1), "the environments' state.*KeyError: 1"),
+    (lambda s: s["lanes"][0]["memory"].update(x=0.0), "the environments' state.*KeyError: 'x'"),
+]
+
+
+@pytest.mark.parametrize(("change", "told"), FOREIGN)
+def test_a_checkpoint_with_other_keys_is_refused_by_name(tmp_path, change, told):
+    calls = iter(range(1000))
+    with pytest.raises(Interrupted):
+        train(tmp_path, stop=lambda: next(calls) == 2)
+    state, _ = checkpoint.load(tmp_path / "checkpoint")
+    change(state)
+    checkpoint.save(tmp_path / "checkpoint", state)
+    with pytest.raises(RunFolderError, match=f"{told}.*resume=overwrite"):
+        train(tmp_path)
 
 
 def test_rows_after_the_last_checkpoint_are_not_doubled(tmp_path):

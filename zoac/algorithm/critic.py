@@ -180,7 +180,7 @@ class Critic:
         return work.values
 
     def state(self) -> dict[str, Any]:
-        """Return a picklable copy: weights, Adam's moments, random stream, statistics."""
+        """Return a copy: weights, Adam's moments, random stream, statistics."""
         return {
             "weights": self._weights.numpy().copy(),
             "adam": self._adam.state(),

@@ -235,11 +235,11 @@ class Zoac(Tuner):
         """Put back what `state` returned."""
         self._rng.bit_generator.state = state["rng"]
         self._critic.restore(state["critic"])
-        self._critic_loss = state.get("critic_loss")  # a checkpoint of version 0.1.0 has none
+        self._critic_loss = state["critic_loss"]
         self._pending = None
         self._theta, self._average = state["theta"].copy(), state["average"].copy()
         self._adam.restore(state["adam"])
-        self._iteration, self._skipped = state["iteration"], state.get("skipped", 0)
+        self._iteration, self._skipped = state["iteration"], state["skipped"]
         self._worst_cost = state["worst_cost"]
         self._directions = state["directions"].copy()
 

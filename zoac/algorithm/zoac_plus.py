@@ -194,7 +194,7 @@ class ZoacPlus(Zoac):
         self._race.restore(state["race"])
         self._finals.restore(state["finals"])
         self._spent, self._search_from, self._entered = state["progress"]
-        self._caution = state.get("caution", 1.0)  # a checkpoint of version 0.1.0 has none
+        self._caution = state["caution"]
 
     def describe(self) -> dict[str, Any]:
         """Return the choices that a comparison must show."""

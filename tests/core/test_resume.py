@@ -1,0 +1,153 @@
+"""A run goes on to the same bits, and without any pickle where no object needs one."""
+
+import json
+import pickle
+from pathlib import Path
+
+import cloudpickle
+import numpy as np
+import pytest
+
+import zoac
+from tests.core.test_adapters import Drift, Integrator
+from zoac import build, checkpoint, records
+from zoac.config import compose_config, resolved
+from zoac.session import Run, execute
+from zoac.state import Encoded
+from zoac.trainer import Trainer
+
+CONF = Path(__file__).parents[2] / "conf"
+NEED_A_PICKLE = {"bo", "optuna"}
+TERMS = {
+    "plain": [],
+    "gated": ["gate=0.3"],
+    "scouted": ["scout=3", "common_episodes=true"],
+}
+SMALL = [
+    "lanes=2", "eval_every=100", "task.max_episode_steps=12", "evaluation.episodes=2",
+    "evaluation.final_episodes=2", "mpc_solver=riccati", "checkpoint_seconds=0",
+]  # fmt: skip
+
+
+def names(group):
+    return sorted(p.stem for p in (CONF / group).glob("*.yaml"))
+
+
+def run(folder, *overrides):
+    config = resolved(compose_config([*SMALL, *overrides]))
+    settings, task = build.build_settings(config), build.build_task(config)
+    tuner = build.build_tuner(config["tuner"], task, settings)
+    identity = {"task": "t", "tuner": "z", "seed": 0}
+    made = Run(identity, config, [], task, tuner, build.build_executor(config), settings, [])
+    return without_clocks(execute(made, folder))
+
+
+def without_clocks(result):
+    return json.dumps({k: v for k, v in result.items() if k not in records.CLOCKS})
+
+
+class Traps:
+    """Leaves traces when its pickle is opened."""
+
+    def __init__(self, trace):
+        self._trace = trace
+
+    def __reduce__(self):
+        return Path.touch, (self._trace,)
+
+
+@pytest.fixture
+def stopping(monkeypatch):
+    """Call to have every run stop after so many iterations; None: no more."""
+    original = Trainer.__init__
+
+    def after(iterations):
+        def init(self, *arguments, **options):
+            original(self, *arguments, **options)
+            calls = iter(range(10_000))
+            self._stop_requested = lambda: next(calls) == iterations
+
+        monkeypatch.setattr(Trainer, "__init__", original if iterations is None else init)
+
+    return after
+
+
+def with_a_trap(path, trace):
+    """Put a prepared pickle into a checkpoint, as somebody else might."""
+    header, _, body = path.read_bytes().partition(b"\n")
+    length = json.loads(header)["plain"]
+    encoded = Encoded(body[:length], pickle.dumps([Traps(trace)]))
+    state = {"x": 1}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(checkpoint, "encode", lambda state: encoded)
+        checkpoint.save(path.parent, state)
+
+
+def stopped_and_resumed(tmp_path, stopping, monkeypatch, *overrides, after=1):
+    """Return a whole run's result and that of one that was stopped and went on without pickles."""
+    whole = run(tmp_path / "whole", *overrides)
+    stopping(after)
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "parts", *overrides)
+    stopping(None)
+    with_a_trap(tmp_path / "parts" / "checkpoint" / checkpoint.CURRENT, tmp_path / "trace")
+    with monkeypatch.context() as patch:
+        for name in ("loads", "load"):
+            patch.setattr(cloudpickle, name, None)
+            patch.setattr(pickle, name, None)
+        resumed = run(tmp_path / "parts", *overrides)
+    assert not (tmp_path / "trace").exists()
+    return whole, resumed
+
+
+@pytest.mark.parametrize("task", names("task"))
+def test_no_task_of_zoac_needs_a_pickle(task, tmp_path, stopping, monkeypatch):
+    whole, resumed = stopped_and_resumed(
+        tmp_path, stopping, monkeypatch, f"task={task}", "tuner=zoac_plus", "budget=400", after=4
+    )
+    assert resumed == whole
+
+
+@pytest.mark.parametrize("terms", TERMS)
+@pytest.mark.parametrize(
+    "tuner", [t for t in names("tuner") if t not in ("nominal", *NEED_A_PICKLE)]
+)
+def test_no_other_tuner_of_zoac_needs_a_pickle(tuner, terms, tmp_path, stopping, monkeypatch):
+    if terms == "scouted" and tuner == "random":
+        pytest.skip("takes no start")
+    whole, resumed = stopped_and_resumed(
+        tmp_path, stopping, monkeypatch,
+        "task=pid_acc", f"tuner={tuner}", "budget=1500", *TERMS[terms], after=2,
+    )  # fmt: skip
+    assert resumed == whole
+
+
+@pytest.mark.parametrize("tuner", sorted(NEED_A_PICKLE))
+def test_a_librarys_optimiser_goes_on_to_the_same_bits(tuner, tmp_path, stopping):
+    pytest.importorskip({"bo": "nevergrad"}.get(tuner, tuner))
+    whole = run(tmp_path / "whole", "task=pid_acc", f"tuner={tuner}", "budget=200")
+    stopping(3)
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "parts", "task=pid_acc", f"tuner={tuner}", "budget=200")
+    stopping(None)
+    assert run(tmp_path / "parts", "task=pid_acc", f"tuner={tuner}", "budget=200") == whole
+
+
+@pytest.mark.parametrize("executor", ["serial", "process"])
+def test_a_users_objects_go_on_to_the_same_bits(executor, tmp_path, stopping):
+    def tune(folder):
+        return zoac.tune(
+            env=Drift, controller=Integrator(), space={"k": (0, 2)}, budget=1000, lanes=2,
+            episodes=1, final_episodes=2, quiet=True, max_episode_steps=10, folder=folder,
+            executor=executor,
+        ).record  # fmt: skip
+
+    whole = without_clocks(tune(tmp_path / "whole"))
+    stopping(2)
+    with pytest.raises(KeyboardInterrupt):
+        tune(tmp_path / "parts")
+    stopping(None)
+    state, _ = checkpoint.load(tmp_path / "parts" / "checkpoint")
+    assert isinstance(state["lanes"][0]["env"]["envs"].value[0], Drift)
+    assert np.isfinite(state["lanes"][0]["env"]["seen"]).all()
+    assert without_clocks(tune(tmp_path / "parts")) == whole
