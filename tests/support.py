@@ -19,6 +19,7 @@ from zoac.parameters import Parameter, ParameterSpace
 from zoac.rollout import LaneGroup
 from zoac.seeding import stream_seed
 from zoac.segments import Proposal, Segment
+from zoac.state import OwnObject
 from zoac.task import Metric, Task
 
 
@@ -149,7 +150,7 @@ class _LockedLanes(CountingLanes):
         self.lock = threading.Lock()
 
     def state(self, lanes: Any) -> Any:
-        return super().state(lanes), self.lock
+        return super().state(lanes), OwnObject(self.lock)
 
     def restore(self, lanes: Any, state: Any) -> Any:
         return super().restore(lanes, state[0])
