@@ -19,6 +19,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from zoac.baselines.acquisition import Acquisition
 from zoac.baselines.nevergrad import NevergradTuner
 from zoac.numbers import Count, NonNegative, Positive, Share
+from zoac.outcomes import Outcomes
 from zoac.parameters import ParameterSpace
 from zoac.state import OwnObject
 from zoac.tuner import Problem
@@ -75,6 +76,7 @@ class BayesOpt(NevergradTuner):
         Raises:
             ConfigError: If `start` is "nominal" and the task has no nominal parameters.
         """
+        self._seen = Outcomes.none()
         self._suggests_start = start != "library"
         self._model: dict[str, Any] = {
             "initial_design": initial_design,
@@ -110,17 +112,21 @@ class BayesOpt(NevergradTuner):
             bo._gp = BoundedRegressor.like(
                 bo._gp, self._model["refit_growth"], self._model["max_observations"]
             )
-            bo.suggest = partial(suggest, bo, rounded=partial(rounded_points, self._problem.space))
             if self._suggests_start:
                 optimizer.suggest(self._first)
         return optimizer
 
-    def _can_wait(self) -> bool:
-        return True
+    def _draw(self) -> list[np.ndarray]:
+        # The library knows keys, which rank; the process needs numbers whose differences tell.
+        bo = self._optimizer.bo
+        rounded = partial(rounded_points, self._problem.space)
+        bo.suggest = partial(suggest, bo, -self._costs.prices(self._seen), rounded=rounded)
+        return super()._draw()
 
-    def _learn(self, costs: np.ndarray) -> dict[str, float]:
+    def _learn(self, outcomes: Outcomes) -> dict[str, float]:
+        self._seen += outcomes
         with contextlib.redirect_stdout(io.StringIO()):  # it prints each duplicate in red
-            return super()._learn(costs)
+            return super()._learn(outcomes)
 
     def _own_recommendation(self) -> np.ndarray | None:
         bo = self._optimizer.bo
@@ -132,11 +138,13 @@ class BayesOpt(NevergradTuner):
 
     def _own_state(self) -> Any:
         # Replaying would ask everything again, for hours; this optimiser is copied exactly.
-        return OwnObject(deepcopy((self._optimizer, self._asked))), self._global_random
+        library = OwnObject(deepcopy((self._optimizer, self._asked)))
+        return library, self._global_random, self._seen.state()
 
     def _own_restore(self, state: Any) -> None:
-        library, self._global_random = state
+        library, self._global_random, seen = state
         self._optimizer, self._asked = deepcopy(library.value)
+        self._seen = Outcomes(*seen)
 
     def describe(self) -> dict[str, Any]:
         """Return the choices that a fair comparison must show."""
@@ -206,8 +214,12 @@ def rounded_points(space: ParameterSpace, points: np.ndarray) -> np.ndarray:
     return np.where(rounded == z, points, (rounded + 1.0) / 2.0)
 
 
-def suggest(bo: Any, utility: Any, rounded: Rounding = np.asarray) -> dict[str, float]:
+def suggest(
+    bo: Any, targets: np.ndarray, utility: Any, rounded: Rounding = np.asarray
+) -> dict[str, float]:
     """Return the next point, as `bayes_opt.BayesianOptimization.suggest` does, but faster.
+
+    `targets` (n,), to be maximised, stand in for those that the library was told.
 
     Discrete parameters: the process sees rounded points alone, so that what it believes is constant
     where the cost is (Garrido-Merchan and Hernandez-Lobato 2020).
@@ -216,9 +228,9 @@ def suggest(bo: Any, utility: Any, rounded: Rounding = np.asarray) -> dict[str, 
         return bo.space.array_to_params(bo.space.random_sample())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the fit's convergence, as in the library
-        bo._gp.fit(rounded(bo.space.params), bo.space.target)
+        bo._gp.fit(rounded(bo.space.params), targets)
     acquisition = Acquisition(
-        bo._gp, utility.kind, best=bo.space.target.max(), kappa=utility.kappa, xi=utility.xi
+        bo._gp, utility.kind, best=targets.max(), kappa=utility.kappa, xi=utility.xi
     )
     point = maximise(acquisition, bo.space.bounds, bo._random_state, rounded)
     return bo.space.array_to_params(point)

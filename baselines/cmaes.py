@@ -11,6 +11,7 @@ from pydantic import Field
 from zoac.baselines.nevergrad import NevergradTuner
 from zoac.errors import ConfigError
 from zoac.numbers import Count, Positive, Share
+from zoac.outcomes import Outcomes
 from zoac.tuner import Problem
 
 
@@ -93,14 +94,11 @@ class CmaEs(NevergradTuner):
             # The property `es` restarts a strategy that has converged: not for looking at it.
             return optimizer.es if optimizer._es is None else optimizer._es
 
-    def _can_wait(self) -> bool:
-        return True
-
     def _batch(self) -> int:
         return super()._batch() if self._by_library else int(self._strategy.popsize)
 
-    def _learn(self, costs: np.ndarray) -> dict[str, float]:
-        metrics = super()._learn(costs)
+    def _learn(self, outcomes: Outcomes) -> dict[str, float]:
+        metrics = super()._learn(outcomes)
         return {**metrics, "spread": float(self._strategy.sigma) * self._spread}
 
     def _own_recommendation(self) -> np.ndarray | None:

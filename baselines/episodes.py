@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,11 +11,9 @@ import numpy as np
 from zoac.errors import ConfigError
 from zoac.held_out import HeldOut
 from zoac.numbers import Count, Share
+from zoac.outcomes import CostRange, Outcomes, bad_is_infinite, cost_sums
 from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem, Tuner
-
-UNKNOWN_WORST = 1e6
-"""Told for an episode whose cost is not finite while no finite cost is known at all."""
 
 
 class EpisodeTuner(Tuner):
@@ -25,10 +22,7 @@ class EpisodeTuner(Tuner):
     A subclass draws points in `_draw` and learns from their costs in `_learn`. This class spreads
     them over the lanes, remembers the best single episodes, and re-evaluates them if asked to.
 
-    A cost that is not finite becomes the worst finite cost so far plus the range of the costs so
-    far, before `_learn` sees it. Batches that come before any finite cost is known wait for one, or
-    are told `UNKNOWN_WORST` where the method cannot wait (`_can_wait`). An episode with such a cost
-    is never a best one.
+    Episodes rank as `zoac.outcomes` says. One whose cost is not finite is never a best one.
     """
 
     def __init__(
@@ -54,9 +48,8 @@ class EpisodeTuner(Tuner):
         self._share = reevaluate_share if recommendation == "reevaluated" else 0.0
         self._search_steps = int(problem.budget * (1.0 - self._share))
         self._steps, self._batch_size = 0, 0
-        self._costs = _CostRange()
+        self._costs = CostRange()
         self._best = _Best(reevaluate_top, problem.space.dimension)
-        self._waiting: list[np.ndarray] = []
         self._unknown = np.zeros(problem.space.dimension)
         self._final: _Reevaluation | None = None
 
@@ -70,8 +63,8 @@ class EpisodeTuner(Tuner):
         """Return the next points to evaluate, each (d,); none if there is nothing left to do."""
 
     @abstractmethod
-    def _learn(self, costs: np.ndarray) -> dict[str, float]:
-        """Take the finite costs (n,) of all points drawn since the last call, in their order."""
+    def _learn(self, outcomes: Outcomes) -> dict[str, float]:
+        """Take the outcomes of all points drawn since the last call, in their order."""
 
     @abstractmethod
     def _own_recommendation(self) -> np.ndarray | None:
@@ -99,10 +92,6 @@ class EpisodeTuner(Tuner):
             self._unknown = nominal_point(self._problem, "start: nominal")
         return self._unknown.copy()
 
-    def _can_wait(self) -> bool:
-        """Return whether `_draw` may be called again before `_learn` was."""
-        return True
-
     def ask(self) -> list[Proposal]:
         """Return one whole episode per point."""
         if self._share and self._final is None and self._search_is_over():
@@ -127,21 +116,15 @@ class EpisodeTuner(Tuner):
         self._steps += sum(segment.length for segment in segments)
         if self._final is not None:
             return self._final.numbers(segments)
-        with np.errstate(invalid="ignore", over="ignore"):
-            costs = np.array([segment.costs.sum() for segment in segments])
-        finite = np.isfinite(costs)
-        self._best.add(np.stack([s.proposal.z for s in segments])[finite], costs[finite])
-        self._costs.add(costs[finite])
-        metrics = {"cost_mean": float(costs[finite].mean())} if finite.any() else {}
+        outcomes = Outcomes.of(segments)
+        finite = np.isfinite(outcomes.violations)
+        self._best.add(np.stack([s.proposal.z for s in segments]), outcomes)
+        self._costs.add(outcomes)
+        metrics = {"cost_mean": float(outcomes.costs[finite].mean())} if finite.any() else {}
         metrics["cost_not_finite"] = float((~finite).sum())
         if len(self._best):
             metrics["best_seen"] = float(self._best.costs[0])
-        self._waiting.append(costs)
-        if self._costs.known or not self._can_wait():
-            told = np.concatenate(self._waiting)
-            self._waiting = []
-            metrics |= self._learn(np.where(np.isfinite(told), told, self._costs.bad()))
-        return metrics
+        return metrics | self._learn(outcomes)
 
     def recommend(self) -> np.ndarray:
         """Return what the option `recommendation` says; while nothing is known, start or middle."""
@@ -171,8 +154,7 @@ class EpisodeTuner(Tuner):
             "steps": self._steps,
             "batch_size": self._batch_size,
             "costs": (self._costs.low, self._costs.high),
-            "best": (self._best.points.copy(), self._best.costs.copy()),
-            "waiting": [costs.copy() for costs in self._waiting],
+            "best": self._best.state(),
             "final": None if self._final is None else self._final.state(),
             "own": self._own_state(),
         }
@@ -182,9 +164,8 @@ class EpisodeTuner(Tuner):
         self._own_restore(state["own"])
         self._rng.bit_generator.state = state["rng"]
         self._steps, self._batch_size = state["steps"], state["batch_size"]
-        self._costs = _CostRange(*state["costs"])
-        self._best.points, self._best.costs = (array.copy() for array in state["best"])
-        self._waiting = [costs.copy() for costs in state["waiting"]]
+        self._costs = CostRange(*state["costs"])
+        self._best.restore(state["best"])
         self._final = None
         if state["final"] is not None:
             self._final = _Reevaluation(self._problem, self._best)
@@ -202,44 +183,32 @@ def nominal_point(problem: Problem, wanted_by: str) -> np.ndarray:
     return np.array(problem.nominal, dtype=np.float64)
 
 
-@dataclass(slots=True)
-class _CostRange:
-    """The range of the finite costs so far."""
-
-    low: float = np.inf
-    high: float = -np.inf
-
-    @property
-    def known(self) -> bool:
-        return self.low <= self.high
-
-    def add(self, costs: np.ndarray) -> None:
-        self.low = float(min(self.low, *costs)) if len(costs) else self.low
-        self.high = float(max(self.high, *costs)) if len(costs) else self.high
-
-    def bad(self) -> float:
-        """Return a cost for an episode whose own is not finite: worse than all so far."""
-        if not self.known:
-            return UNKNOWN_WORST
-        return self.high + ((self.high - self.low) or abs(self.high) or 1.0)
-
-
 class _Best:
-    """The points of the cheapest single episodes, cheapest first."""
+    """The points of the best single episodes, best first."""
 
     def __init__(self, size: int, dimension: int) -> None:
         self.size = size
         self.points = np.empty((0, dimension))
-        self.costs = np.empty(0)
+        self._outcomes = Outcomes.none()
 
     def __len__(self) -> int:
-        return len(self.costs)
+        return len(self.points)
 
-    def add(self, points: np.ndarray, costs: np.ndarray) -> None:
-        points = np.concatenate([self.points, points])
-        costs = np.concatenate([self.costs, costs])
-        first = np.argsort(costs, kind="stable")[: self.size]
-        self.points, self.costs = points[first], costs[first]
+    @property
+    def costs(self) -> np.ndarray:
+        return self._outcomes.costs
+
+    def add(self, points: np.ndarray, outcomes: Outcomes) -> None:
+        points, together = np.concatenate([self.points, points]), self._outcomes + outcomes
+        first = together.order[: self.size]
+        first = first[np.isfinite(together.violations[first])]
+        self.points, self._outcomes = points[first], together[first]
+
+    def state(self) -> Any:
+        return self.points.copy(), self._outcomes.state()
+
+    def restore(self, state: Any) -> None:
+        self.points, self._outcomes = state[0].copy(), Outcomes(*state[1])
 
 
 class _Reevaluation(HeldOut):
@@ -256,8 +225,7 @@ class _Reevaluation(HeldOut):
     def numbers(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Take a round; return numbers to log."""
         self.tell(segments)
-        told = np.array([segment.costs.sum() for segment in segments[: len(self._seen)]])
-        self._told += np.where(np.isfinite(told), told, np.inf)
+        self._told += bad_is_infinite(cost_sums(segments[: len(self._seen)]))
         rounds, means = len(self.costs), self.costs.mean(axis=0)
         metrics = {"reevaluation_rounds": float(rounds)}
         if np.isfinite(means).any():

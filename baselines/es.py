@@ -9,6 +9,7 @@ import numpy as np
 from zoac.algorithm.adam import Adam
 from zoac.baselines.episodes import EpisodeTuner
 from zoac.numbers import Count, Positive, Share
+from zoac.outcomes import Outcomes
 from zoac.tuner import Problem
 
 
@@ -57,18 +58,15 @@ class EvolutionStrategy(EpisodeTuner):
         self._start = start
         self._theta = self._starting_point(start)
         self._adam = Adam(self._theta)
-        self._noise: list[np.ndarray] = []
+        self._noise = np.empty((0, len(self._theta)))
 
     def _draw(self) -> list[np.ndarray]:
-        noise = self._rng.standard_normal((self._population, len(self._theta)))
-        self._noise.append(noise)
-        return list(self._theta + self._sigma * noise)
+        self._noise = self._rng.standard_normal((self._population, len(self._theta)))
+        return list(self._theta + self._sigma * self._noise)
 
-    def _learn(self, costs: np.ndarray) -> dict[str, float]:
-        gradient = es_gradient(
-            np.concatenate(self._noise), costs, self._sigma, standardise=self._standardise
-        )
-        self._noise = []
+    def _learn(self, outcomes: Outcomes) -> dict[str, float]:
+        costs = self._costs.prices(outcomes)
+        gradient = es_gradient(self._noise, costs, self._sigma, standardise=self._standardise)
         # The mean stays in the box: beyond it nothing would pull it back, since the noise is
         # clipped away there.
         self._theta = self._theta.copy()
@@ -80,13 +78,13 @@ class EvolutionStrategy(EpisodeTuner):
         return self._theta
 
     def _own_state(self) -> Any:
-        return self._theta.copy(), self._adam.state(), [noise.copy() for noise in self._noise]
+        return self._theta.copy(), self._adam.state(), self._noise.copy()
 
     def _own_restore(self, state: Any) -> None:
         theta, adam, noise = state
         self._theta = theta.copy()
         self._adam.restore(adam)
-        self._noise = [array.copy() for array in noise]
+        self._noise = noise.copy()
 
     def describe(self) -> dict[str, Any]:
         """Return the choices, all of them this project's own."""

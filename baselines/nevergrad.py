@@ -18,6 +18,7 @@ from nevergrad.optimization import recaster
 from zoac.baselines.episodes import EpisodeTuner
 from zoac.errors import ConfigError, suggest
 from zoac.numbers import Count, Positive, Share
+from zoac.outcomes import Outcomes
 from zoac.tuner import Problem
 
 Optimizer = Any
@@ -157,9 +158,6 @@ class NevergradTuner(EpisodeTuner):
             self._global_random = np.random.get_state()  # noqa: NPY002
             np.random.set_state(outside)  # noqa: NPY002
 
-    def _can_wait(self) -> bool:
-        return False  # some wait for a cost before they can be asked again
-
     def _batch(self) -> int:
         """Return the number of points per ask."""
         return self._workers
@@ -174,7 +172,10 @@ class NevergradTuner(EpisodeTuner):
         self._history.append(n)
         return [np.array(candidate.value) for candidate in candidates]
 
-    def _learn(self, costs: np.ndarray) -> dict[str, float]:
+    def _learn(self, outcomes: Outcomes) -> dict[str, float]:
+        return self._tell_library(outcomes.keys())
+
+    def _tell_library(self, costs: np.ndarray) -> dict[str, float]:
         with self._library():
             for candidate, cost in zip(self._asked, costs, strict=True):
                 # Some optimisers learn from no point but their own: then not from a start.
@@ -204,7 +205,7 @@ class NevergradTuner(EpisodeTuner):
             if isinstance(item, int):
                 self._ask_library(item)
             else:
-                self._learn(item.copy())
+                self._tell_library(item.copy())
 
     def describe(self) -> dict[str, Any]:
         """Return the choices that a fair comparison must show."""

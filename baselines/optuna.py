@@ -16,6 +16,7 @@ from zoac.baselines.bo import kept_observations
 from zoac.baselines.episodes import EpisodeTuner
 from zoac.errors import ConfigError
 from zoac.numbers import Count, Share
+from zoac.outcomes import Outcomes
 from zoac.parameters import Parameter, ParameterSpace
 from zoac.state import OwnObject
 from zoac.tuner import Problem
@@ -81,7 +82,7 @@ class Optuna(EpisodeTuner):
         self._sampler = _sampler(sampler, initial_design, int(self._rng.integers(1, 2**32)))
         self._distributions = {p.name: _distribution(p) for p in problem.space.parameters}
         self._points = np.empty((0, problem.space.dimension))
-        self._seen = np.empty(0)
+        self._seen = Outcomes.none()
         self._asked: list[np.ndarray] = []
 
     def _draw(self) -> list[np.ndarray]:
@@ -99,8 +100,9 @@ class Optuna(EpisodeTuner):
     def _study(self) -> Any:
         """Return a study of the observations kept, as the model shall see them."""
         study = optuna.create_study(sampler=self._sampler)
-        kept = kept_observations(-self._seen, self._options["max_observations"])
-        costs = self._seen[kept]
+        costs = self._costs.prices(self._seen)
+        kept = kept_observations(-costs, self._options["max_observations"])
+        costs = costs[kept]
         if self._options["costs"] == "normal_scores":
             costs = normal_scores(costs)
         study.add_trials(
@@ -115,9 +117,9 @@ class Optuna(EpisodeTuner):
         )
         return study
 
-    def _learn(self, costs: np.ndarray) -> dict[str, float]:
+    def _learn(self, outcomes: Outcomes) -> dict[str, float]:
         self._points = np.concatenate([self._points, np.stack(self._asked)])
-        self._seen = np.concatenate([self._seen, costs])
+        self._seen += outcomes
         self._asked = []
         return {}
 
@@ -126,11 +128,12 @@ class Optuna(EpisodeTuner):
 
     def _own_state(self) -> Any:
         asked = [point.copy() for point in self._asked]
-        return OwnObject(deepcopy(self._sampler)), self._points.copy(), self._seen.copy(), asked
+        return OwnObject(deepcopy(self._sampler)), self._points.copy(), self._seen.state(), asked
 
     def _own_restore(self, state: Any) -> None:
-        sampler, self._points, self._seen, asked = state
+        sampler, self._points, seen, asked = state
         self._sampler, self._asked = deepcopy(sampler.value), list(asked)
+        self._seen = Outcomes(*seen)
 
     def describe(self) -> dict[str, Any]:
         """Return the choices that a fair comparison must show."""

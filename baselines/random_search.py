@@ -8,6 +8,7 @@ import numpy as np
 
 from zoac.baselines.episodes import EpisodeTuner
 from zoac.numbers import Count, Share
+from zoac.outcomes import Outcomes
 from zoac.tuner import Problem
 
 
@@ -34,7 +35,7 @@ class RandomSearch(EpisodeTuner):
         size = (self._problem.lanes, self._problem.space.dimension)
         return list(self._rng.uniform(-1.0, 1.0, size))
 
-    def _learn(self, costs: np.ndarray) -> dict[str, float]:
+    def _learn(self, outcomes: Outcomes) -> dict[str, float]:
         return {}
 
     def _own_recommendation(self) -> np.ndarray | None:

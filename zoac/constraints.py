@@ -1,15 +1,16 @@
 """Constraints, for every tuner in the same way: feasibility first.
 
-A step that violates a constraint j by an excess g > 0 is told to the tuner as costlier, by
+The excess g of a constraint j at a step is told relative to its scale: v = g / scale_j (see
+`Constraint`). An episode's, or segment's, `violation` is the sum of 1 + v / (1 + v) over its steps
+and constraints with any excess: more steps or more excess are worse, and no violation is 0.
 
-    M (1 + v / (1 + v)),   v = g / scale_j,
+Tuners that see episodes rank by it first and by cost second: Deb's rules (2000). So every episode
+that breaks a constraint is behind every one that does not, whatever costs come earlier or later
+(`zoac.outcomes`).
 
-where M is the range of the episode costs that this run has seen so far. So an episode with any
-violation is told as worse than every one without that was seen before, and of two that violate,
-the one that does so at more steps, or by more, as worse: Deb's rules (2000), taken step by step, so
-that tuners that see segments (ZOAC) and tuners that see episodes are told the same. There is no
-weight to set by hand. What improves on the best feasible episode improves on all infeasible ones
-told before too, so a tuner that remembers costs is not led back to one.
+Tuners that learn from steps (ZOAC) see costs alone. There a step with violation w costs M w more, M
+being the range of what whole episodes have cost so far. Costs that come later may widen that range;
+steps told before keep their price.
 
 Reported costs are never changed; violations are counted beside them.
 """
@@ -38,8 +39,7 @@ def excess(segment: Segment, constraints: Sequence[Constraint]) -> np.ndarray:
     measured = segment.measured()
     amounts = np.zeros((segment.length, len(constraints)))
     if measured.length:
-        values = np.stack([c.values(measured).astype(np.float64) for c in constraints], axis=1)
-        amounts[: measured.length] = np.where(np.isfinite(values), np.maximum(values, 0.0), np.inf)
+        amounts[: measured.length] = np.stack([c.excess(measured) for c in constraints], axis=1)
     return amounts
 
 
@@ -71,17 +71,24 @@ class FeasibilityFirst:
 
     def __init__(self, constraints: Sequence[Constraint]) -> None:
         self._constraints = tuple(constraints)
-        self._scales = np.array([c.scale for c in constraints])
+        self._scales = np.array([c.scale or abs(c.limit) for c in constraints])  # 0: the largest
+        self._largest = np.zeros(len(constraints))  # finite excess so far
         self._totals: dict[int, float] = {}  # of each lane's episode so far
-        self._low = self._high = 0.0
+        self._low, self._high = np.inf, -np.inf  # of whole episodes
+        self._size = 0.0  # largest total of a part of an episode
 
     @property
     def price(self) -> float:
-        """M: the range of episode costs so far; 1 while there is none."""
-        return (self._high - self._low) or 1.0
+        """M: the range of what whole episodes cost so far.
+
+        Where there is none, their size; before the first has ended, that of parts; else 1.
+        """
+        if self._low > self._high:
+            return self._size or 1.0
+        return (self._high - self._low) or abs(self._high) or 1.0
 
     def told(self, segments: Sequence[Segment], seen: Sequence[Segment]) -> list[Segment]:
-        """Return `seen` with the price of violations.
+        """Return `seen` with violations and their price.
 
         Args:
             segments: What the lanes did, in their order.
@@ -91,12 +98,15 @@ class FeasibilityFirst:
             return list(seen)
         for segment in seen:
             self._watch(segment)
-        return [self._charged(o, s) for o, s in zip(segments, seen, strict=True)]
-
-    def _charged(self, original: Segment, seen: Segment) -> Segment:
-        charge = self._charge(original)
-        violation = float(charge.sum()) / self.price
-        return replace(seen, costs=seen.costs + charge, violation=violation)
+        amounts = [excess(segment, self._constraints) for segment in segments]
+        together = np.concatenate(amounts)
+        largest = together.max(axis=0, where=np.isfinite(together), initial=0.0)
+        self._largest = np.maximum(self._largest, largest)
+        violations = map(self._violations, amounts)
+        return [
+            replace(s, costs=s.costs + self.price * v, violation=float(v.sum()))
+            for s, v in zip(seen, violations, strict=True)
+        ]
 
     def _watch(self, segment: Segment) -> None:
         """Let the range of episode costs take in a segment."""
@@ -104,22 +114,30 @@ class FeasibilityFirst:
         before = 0.0 if segment.starts_episode or aside else self._totals.get(lane, 0.0)
         total = before + float(segment.costs.sum())
         if np.isfinite(total):
-            self._low, self._high = min(self._low, total), max(self._high, total)
+            self._size = max(self._size, abs(total))
+            if segment.terminated or segment.truncated:
+                self._low, self._high = min(self._low, total), max(self._high, total)
         if not (aside or segment.proposal.branch):
             self._totals[lane] = total
 
-    def _charge(self, segment: Segment) -> np.ndarray:
-        amounts = excess(segment, self._constraints)
+    def _violations(self, amounts: np.ndarray) -> np.ndarray:
+        """Return the violation (T,) of each step from its excesses (T, C)."""
+        scales = np.where(self._scales > 0, self._scales, self._largest)
         with np.errstate(invalid="ignore"):
-            share = amounts / (amounts + self._scales)  # v / (1 + v)
-        share = np.where(np.isinf(amounts), 1.0, share)
-        return self.price * np.where(amounts > 0, 1.0 + share, 0.0).sum(axis=1)
+            severity = amounts / (amounts + scales)  # v / (1 + v)
+        severity = np.where(np.isinf(amounts), 1.0, severity)
+        return np.where(amounts > 0, 1.0 + severity, 0.0).sum(axis=1)
 
-    def state(self) -> Any:
+    def state(self) -> dict[str, Any]:
         """Return a copy of everything that `told` depends on."""
-        return dict(self._totals), self._low, self._high
+        return {
+            "totals": dict(self._totals),
+            "range": (self._low, self._high, self._size),
+            "largest": self._largest.copy(),
+        }
 
-    def restore(self, state: Any) -> None:
+    def restore(self, state: dict[str, Any]) -> None:
         """Put back what `state` returned."""
-        totals, self._low, self._high = state
-        self._totals = dict(totals)
+        self._totals = dict(state["totals"])
+        self._low, self._high, self._size = state["range"]
+        self._largest = state["largest"].copy()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from zoac.outcomes import bad_is_infinite, cost_sums, ranking
 from zoac.seeding import stream_seed
 from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem, Tuner, TunerStrategy
@@ -62,8 +63,7 @@ class HeldOut:
     @property
     def ranking(self) -> np.ndarray:
         """Indices of the candidates, best first."""
-        costs = self.costs.mean(axis=0)
-        return np.lexsort((costs, self.violations.mean(axis=0), np.isinf(costs)))
+        return ranking(self.violations.mean(axis=0), self.costs.mean(axis=0))
 
     @property
     def best(self) -> np.ndarray:
@@ -104,9 +104,8 @@ class HeldOut:
 
     def tell(self, segments: Sequence[Segment]) -> None:
         """Take the episodes, in the order of the proposals."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            costs = np.array([segment.plain_costs.sum() for segment in segments])
-        costs[~np.isfinite(costs)] = np.inf
+        plain = [segment.with_costs(segment.plain_costs) for segment in segments]
+        costs = bad_is_infinite(cost_sums(plain))
         violations = np.array([segment.violation for segment in segments])
         terminated = np.array([segment.terminated for segment in segments])
         failed = terminated | (violations > 0) | np.isinf(costs)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from zoac.outcomes import Outcomes
 from zoac.seeding import stream_seed
 from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem, Tuner, TunerStrategy
@@ -29,7 +30,7 @@ class Scout(Tuner):
         """
         self._problem, self._begin = problem, begin
         self._points = problem.rng("scout").uniform(-1.0, 1.0, (count, problem.space.dimension))
-        self._costs = np.empty(0)
+        self._episodes = Outcomes.none()
         self._spent = 0
         self._tuner: Tuner | None = None
 
@@ -38,7 +39,7 @@ class Scout(Tuner):
         if self._tuner is not None:
             return self._tuner.ask()
         seed = stream_seed(self._problem.seed, "scout")
-        done = len(self._costs)
+        done = len(self._episodes)
         points = self._points[done : done + self._problem.lanes]
         return [Proposal(z, lane, seed=seed) for lane, z in enumerate(points)]
 
@@ -46,22 +47,21 @@ class Scout(Tuner):
         """Take the points' costs; then hand on what the tuner asked for."""
         if self._tuner is not None:
             return self._tuner.tell(segments)
-        costs = np.array([segment.costs.sum() for segment in segments])
-        self._costs = np.append(self._costs, np.where(np.isfinite(costs), costs, np.inf))
+        self._episodes += Outcomes.of(segments)
         self._spent += sum(segment.length for segment in segments)
-        if len(self._costs) == len(self._points):
+        if len(self._episodes) == len(self._points):
             self._tuner = self._make()
-        best = float(self._costs.min())
-        return {"scouted_best": best} if np.isfinite(best) else {}
+        best = self._episodes[self._episodes.order[:1]]
+        return {"scouted_best": float(best.costs[0])} if np.isfinite(best.violations[0]) else {}
 
     def _make(self) -> Tuner:
         left = max(0, self._problem.budget - self._spent)
         return self._begin(replace(self._problem, nominal=self._best(), budget=left))
 
     def _best(self) -> np.ndarray:
-        if not len(self._costs):
+        if not len(self._episodes):
             return np.zeros(self._problem.space.dimension)
-        return self._points[int(np.argmin(self._costs))].copy()
+        return self._points[self._episodes.order[0]].copy()
 
     def meanwhile(self) -> None:
         """See `Tuner.meanwhile`."""
@@ -75,11 +75,11 @@ class Scout(Tuner):
     def state(self) -> Any:
         """Return everything, the tuner's state included."""
         inner = None if self._tuner is None else self._tuner.state()
-        return {"costs": self._costs.copy(), "spent": self._spent, "tuner": inner}
+        return {"episodes": self._episodes.state(), "spent": self._spent, "tuner": inner}
 
     def restore(self, state: Any) -> None:
         """Put back what `state` returned."""
-        self._costs, self._spent = state["costs"].copy(), state["spent"]
+        self._episodes, self._spent = Outcomes(*state["episodes"]), state["spent"]
         self._tuner = None
         if state["tuner"] is not None:
             self._tuner = self._make()

@@ -50,7 +50,8 @@ class Segment:
         failure: Why the last step failed, if controller or environment did: that step costs the
             task's `failure_penalty` and was not measured.
         reported_costs: (T,) plain costs, where `costs` are what a tuner is told; None: the same.
-        violation: By how much constraints were exceeded, over all steps; 0 where all hold.
+        violation: By how much constraints were exceeded, over all steps; 0 where all hold. See
+            `zoac.constraints`.
     """
 
     proposal: Proposal

@@ -137,27 +137,45 @@ class Metric(_Quantity):
 
 @dataclass(frozen=True, slots=True)
 class Constraint(_Quantity):
-    """A quantity that must not be above zero at any step; see `zoac.constraints`.
+    """A quantity that must not be above a limit at any step; see `zoac.constraints`.
 
     Args:
         name: Name in logs and results.
-        per_step: Function of a segment that returns one value per step, (T,); above zero is a
+        per_step: Function of a segment that returns one value per step, (T,); above the limit is a
             violation, by so much.
-        scale: What counts as a large violation, in the quantity's own unit; above zero.
+        limit: In the quantity's own unit.
+        scale: What counts as a large excess over the limit, in the quantity's own unit; above
+            zero. None: as much as the limit itself; where that is 0, the largest excess so far.
 
     Raises:
-        ConfigError: If the scale is not a positive number, or an argument cannot be used.
+        ConfigError: If limit or scale cannot be used, or another argument.
     """
 
-    scale: float = 1.0
+    limit: float = 0.0
+    scale: float | None = None
 
     def __post_init__(self) -> None:
         _Quantity.__post_init__(self)
-        if not is_number(self.scale) or not (math.isfinite(self.scale) and self.scale > 0):
+        if not is_number(self.limit) or not math.isfinite(self.limit):
             raise ConfigError(
-                f"constraint {self.name!r}: scale={self.scale!r}, expected a number above zero, "
-                "what counts as a large violation, in the quantity's own unit"
+                f"constraint {self.name!r}: limit={self.limit!r}, expected a finite number, in the "
+                "quantity's own unit"
             )
+        scale = self.scale
+        if scale is not None and not (is_number(scale) and math.isfinite(scale) and scale > 0):
+            raise ConfigError(
+                f"constraint {self.name!r}: scale={scale!r}, expected a number above zero, "
+                "what counts as a large excess, in the quantity's own unit"
+            )
+
+    def excess(self, segment: Segment) -> np.ndarray:
+        """Return by how much the limit is exceeded at each step, (T,); infinite if not finite.
+
+        Raises:
+            ConfigError: If `per_step` does not return one number per step.
+        """
+        over = self.values(segment).astype(np.float64) - self.limit
+        return np.where(np.isfinite(over), np.maximum(over, 0.0), np.inf)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -1,4 +1,5 @@
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -132,10 +133,11 @@ def test_tuning_starts_at_the_winner_of_the_last_round():
     assert tuple(tuner._theta) == tuple(tuner.recommend()) == best
 
 
-def test_a_vector_whose_cost_is_not_finite_does_not_win():
+@pytest.mark.parametrize(("cost", "violation"), [(np.nan, 0.0), (-np.inf, 0.0), (-100.0, 1.0)])
+def test_a_vector_that_violates_or_costs_no_number_does_not_win(cost, violation):
     tuner, group = make_plus(race_share=0.3), lane_group(CountingTask(), range(4))
     segments = group.rollout(tuner.ask())
-    bad = [s.with_costs(np.full(s.length, np.nan)) for s in segments[:-1]]
+    bad = [replace(s, costs=np.full(s.length, cost), violation=violation) for s in segments[:-1]]
     tuner.tell([*bad, segments[-1]])
     assert np.array_equal(tuner.recommend(), segments[-1].proposal.z)
 

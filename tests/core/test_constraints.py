@@ -2,12 +2,16 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import zoac
 from tests.core.test_adapters import Drift
 from tests.support import CountingTask, lane_group, proposal
 from zoac.constraints import FeasibilityFirst, excess, violations
+from zoac.errors import ConfigError
 from zoac.evaluation import evaluation_row
+from zoac.outcomes import CostRange, Outcomes
 from zoac.task import Constraint
 
 A_LIMIT = Constraint("a below 3", lambda s: s.diagnostics["a"] - 3.0, scale=2.0)
@@ -25,21 +29,102 @@ def test_excess_is_what_lies_above_zero():
     assert np.isinf(excess(odd, [broken])).all()
 
 
-def test_an_episode_that_violates_is_told_as_worse_than_every_one_before_that_does_not():
-    segments = rolled(2.9, 0.1, 3.1, 9.0)
-    told = [s.costs.sum() for s in FeasibilityFirst([A_LIMIT]).told(segments, segments)]
-    assert told[:2] == [s.costs.sum() for s in segments[:2]]
-    assert max(told[:2]) < told[2] < told[3]
+def told(constraints, batches):
+    """Return what tuners are told of batches of segments, all together."""
+    first = FeasibilityFirst(constraints)
+    return [s for batch in batches for s in first.told(batch, batch)]
 
 
-def test_a_single_violating_step_is_enough():
-    once = Constraint("once", lambda s: np.eye(1, s.length)[0] * 1e-6)
-    segments = rolled(1.0, 8.0, 1.0)
-    (told,) = FeasibilityFirst([once]).told(segments[2:], segments[2:])
-    first = FeasibilityFirst([once])
-    first.told(segments[:2], segments[:2])
-    (told,) = first.told(segments[2:], segments[2:])
-    assert told.costs.sum() > segments[1].costs.sum()
+def costing(segment, cost):
+    return segment.with_costs(np.full(segment.length, cost / segment.length))
+
+
+EPISODES = st.lists(
+    st.lists(st.tuples(st.floats(0.0, 10.0), st.floats(-1e12, 1e12)), min_size=1, max_size=4),
+    min_size=1,
+    max_size=4,
+)
+
+
+@given(EPISODES, st.sampled_from([0.5, None]), st.floats(-1.0, 9.0))
+def test_any_episode_that_violates_ranks_behind_every_one_that_does_not(batches, scale, limit):
+    """Whatever costs come earlier or later, and however small the excess."""
+    constraint = Constraint("a", lambda s: s.diagnostics["a"], limit=limit, scale=scale)
+    rolls = [
+        [costing(s, cost) for s, (_, cost) in zip(rolled(*(a for a, _ in b)), b, strict=True)]
+        for b in batches
+    ]
+    episodes = told([constraint], rolls)
+    violates = np.array([bool((s.diagnostics["a"] > limit).any()) for s in episodes])
+    outcomes = Outcomes.of(episodes)
+    costs = CostRange()
+    costs.add(outcomes)
+    for numbers in (np.argsort(outcomes.order), outcomes.keys(), costs.prices(outcomes)):
+        assert not (violates.any() and not violates.all()) or (
+            numbers[violates].min() > numbers[~violates].max()
+        )
+
+
+def test_more_excess_and_more_steps_are_worse():
+    ramp = Constraint("ramp", lambda s: np.arange(s.length) - s.diagnostics["a"], scale=2.0)
+    outcomes = Outcomes.of(told([ramp], [rolled(9.0, 5.0, 4.0, 1.0)]))
+    assert outcomes.violations[0] == 0.0
+    assert (np.diff(outcomes.violations) > 0).all()
+
+
+def test_the_unit_of_a_limit_does_not_matter():
+    """5 mm of overshoot over a limit of 50 mm count as much as 0.005 m over 0.05 m."""
+    in_m = Constraint("overshoot", lambda s: 0.02 * s.diagnostics["a"], limit=0.05)
+    in_mm = Constraint("overshoot", lambda s: 20.0 * s.diagnostics["a"], limit=50.0)
+    one, other = (told([c], [rolled(2.0, 2.6, 9.0)]) for c in (in_m, in_mm))
+    for a, b in zip(one, other, strict=True):
+        assert a.violation == pytest.approx(b.violation)
+        np.testing.assert_allclose(a.costs, b.costs)
+    assert one[0].violation == 0.0 < one[1].violation < one[2].violation
+
+
+def test_without_a_limit_the_largest_excess_so_far_is_the_scale():
+    small = Constraint("a", lambda s: 1e-6 * (s.diagnostics["a"] - 3.0))
+    large = Constraint("a", lambda s: 1e6 * (s.diagnostics["a"] - 3.0))
+    one, other = (told([c], [rolled(2.0, 4.0), rolled(9.0, 4.0)]) for c in (small, large))
+    np.testing.assert_allclose([s.violation for s in one], [s.violation for s in other])
+    # Seven steps each: 1 + 1/2 where the excess is the largest, later 1 + 1/7.
+    np.testing.assert_allclose([s.violation for s in one], [0, 10.5, 10.5, 8.0])
+
+
+def test_the_price_of_a_step_is_the_range_of_whole_episodes():
+    """Zero is no episode's cost, and a part of an episode is no episode."""
+    first = FeasibilityFirst([A_LIMIT])
+    assert first.price == 1.0
+    whole = [costing(s, c) for s, c in zip(rolled(1.0, 1.0), (500.0, 510.0), strict=True)]
+    first.told(whole[:1], whole[:1])
+    assert first.price == pytest.approx(500.0)
+    first.told(whole[1:], whole[1:])
+    assert first.price == pytest.approx(10.0)
+    part = lane_group(CountingTask(), [0]).rollout([proposal(0, 1.0, horizon=2)])
+    first.told(part, [costing(part[0], 3.0)])
+    assert first.price == pytest.approx(10.0)
+
+
+def test_what_is_not_finite_violates():
+    for bad in (np.nan, np.inf, -np.inf):
+        broken = Constraint("broken", lambda s, bad=bad: np.full(s.length, bad))
+        (segment,) = told([broken], [rolled(1.0)])
+        assert segment.violation == 2.0 * segment.length
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"limit": np.nan}, "limit=nan, expected a finite number"),
+        ({"limit": "1"}, "limit='1', expected a finite number"),
+        ({"scale": 0.0}, "scale=0.0, expected a number above zero"),
+        ({"scale": np.inf}, "scale=inf, expected a number above zero"),
+    ],
+)
+def test_limits_and_scales_that_cannot_be_used_are_named(options, message):
+    with pytest.raises(ConfigError, match=f"constraint 'c': {message}"):
+        Constraint("c", lambda s: s.costs, **options)
 
 
 def test_segments_of_an_episode_are_priced_as_the_episode():
@@ -53,12 +138,13 @@ def test_segments_of_an_episode_are_priced_as_the_episode():
     assert pieces.price == pytest.approx(whole.price)
 
 
-def test_restored_prices_go_on():
-    one, other = FeasibilityFirst([A_LIMIT]), FeasibilityFirst([A_LIMIT])
-    segments = rolled(1.0, 8.0)
+def test_a_restored_one_goes_on_to_the_same_numbers():
+    free = Constraint("a", lambda s: s.diagnostics["a"] - 3.0)
+    one, other = FeasibilityFirst([A_LIMIT, free]), FeasibilityFirst([A_LIMIT, free])
+    segments, later = rolled(1.0, 8.0), rolled(4.0)
     one.told(segments, segments)
     other.restore(one.state())
-    assert other.price == one.price > 1.0
+    assert one.told(later, later)[0].costs.tolist() == other.told(later, later)[0].costs.tolist()
 
 
 def test_without_constraints_nothing_is_changed_or_reported():

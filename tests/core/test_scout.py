@@ -1,5 +1,7 @@
 """Terms on which any tuner can be run."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -98,6 +100,18 @@ def test_a_tuner_without_a_start_and_a_start_from_trust_are_refused():
         config = resolved(compose_config([*overrides, "scout=4"]))
         with pytest.raises(ConfigError, match="scout=4: it looks for a start"):
             build.build_tuner(config["tuner"], CountingTask(), build.build_settings(config))
+
+
+@pytest.mark.parametrize("bad", ["violates", np.nan, -np.inf])
+def test_a_point_that_violates_or_costs_no_number_is_where_nothing_starts(bad):
+    tuner, group = make(scout=4), lane_group(CountingTask(), [0, 1, 2, 3])
+    segments = group.rollout(tuner.ask())
+    cost, violation = (-100.0, 1.0) if bad == "violates" else (bad, 0.0)
+    spoiled = [
+        replace(s, costs=np.full(s.length, cost), violation=violation) for s in segments[:-1]
+    ]
+    tuner.tell([*spoiled, segments[-1]])
+    np.testing.assert_array_equal(tuner.recommend(), segments[-1].proposal.z)
 
 
 def test_points_that_all_fail_log_nothing_that_is_not_finite():

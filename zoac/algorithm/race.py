@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from zoac.outcomes import bad_is_infinite, cost_sums, ranking
 from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem
 
@@ -118,10 +119,9 @@ class Race:
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Rank the field by what came back, in the order of the proposals."""
-        costs = np.array([segment.costs.sum() for segment in segments])
-        costs[~np.isfinite(costs)] = np.inf
-        costs = costs.reshape(len(self._field), -1).mean(axis=1)
-        order = np.argsort(costs, kind="stable")
+        costs = bad_is_infinite(cost_sums(segments)).reshape(len(self._field), -1).mean(axis=1)
+        violations = np.reshape([s.violation for s in segments], (len(self._field), -1))
+        order = ranking(violations.mean(axis=1), costs)
         self._ranked = self._field[order[: max(2, len(order) // 2)]]
         self._round += 1
         return {"race_round": self._round, "race_best_cost": float(costs[order[0]])}

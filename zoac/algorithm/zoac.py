@@ -18,6 +18,7 @@ from zoac.algorithm.critic import Critic
 from zoac.algorithm.gradient import standardised, zeroth_order_gradient
 from zoac.errors import ConfigError
 from zoac.numbers import Count, NonNegative, Positive
+from zoac.outcomes import step_costs
 from zoac.segments import Proposal, Segment
 from zoac.tuner import Problem, Tuner
 
@@ -192,13 +193,11 @@ class Zoac(Tuner):
         self._critic_loss = self._critic.fit(states, targets)
 
     def _finite(self, segments: Sequence[Segment]) -> list[Segment]:
-        """Replace costs that are not finite by the worst finite one so far."""
-        costs = np.concatenate([s.costs for s in segments])
-        worst = np.max(costs, where=np.isfinite(costs), initial=self._worst_cost)
-        self._worst_cost = float(worst)
-        if np.isfinite(costs).all():
-            return list(segments)
-        return [s.with_costs(np.where(np.isfinite(s.costs), s.costs, worst)) for s in segments]
+        """Replace costs that are not finite; see `step_costs`."""
+        together = np.concatenate([s.costs for s in segments])
+        costs, self._worst_cost = step_costs(together, self._worst_cost)
+        parts = np.split(costs, np.cumsum([s.length for s in segments])[:-1])
+        return [s.with_costs(part) for s, part in zip(segments, parts, strict=True)]
 
     def _weights(self, advantages: np.ndarray) -> np.ndarray:
         """Return what each direction counts in the gradient, from the segments' advantages."""
