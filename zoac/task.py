@@ -143,16 +143,16 @@ class Constraint(_Quantity):
         name: Name in logs and results.
         per_step: Function of a segment that returns one value per step, (T,); above the limit is a
             violation, by so much.
-        limit: In the quantity's own unit.
         scale: What counts as a large excess over the limit, in the quantity's own unit; above
             zero. None: as much as the limit itself; where that is 0, the largest excess so far.
+        limit: In the quantity's own unit.
 
     Raises:
         ConfigError: If limit or scale cannot be used, or another argument.
     """
 
-    limit: float = 0.0
     scale: float | None = None
+    limit: float = 0.0
 
     def __post_init__(self) -> None:
         _Quantity.__post_init__(self)
