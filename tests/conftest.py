@@ -14,3 +14,21 @@ settings.load_profile("untimed")
 def temporary_folders_end_with_the_test(tmp_path, monkeypatch):
     """`zoac.tune` without a folder makes one of its own, which is the user's to keep."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+
+@pytest.fixture
+def stopping(monkeypatch):
+    """Call to have every run stop after so many iterations; None: no more."""
+    from zoac.trainer import Trainer
+
+    original = Trainer.__init__
+
+    def after(iterations):
+        def init(self, *arguments, **options):
+            original(self, *arguments, **options)
+            calls = iter(range(10_000))
+            self._stop_requested = lambda: next(calls) == iterations
+
+        monkeypatch.setattr(Trainer, "__init__", original if iterations is None else init)
+
+    return after

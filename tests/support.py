@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import os
+import pickle
 import signal
 import threading
 import time
@@ -12,14 +14,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from gymnasium.spaces import Box
 
+from zoac import checkpoint
 from zoac.environment import ArrayLanes
 from zoac.parameters import Parameter, ParameterSpace
 from zoac.rollout import LaneGroup
 from zoac.seeding import stream_seed
 from zoac.segments import Proposal, Segment
-from zoac.state import OwnObject
+from zoac.state import Encoded, OwnObject
 from zoac.task import Metric, Task
 
 
@@ -265,3 +269,23 @@ class SuicidalTask(CountingTask):
 
     def make_controller(self) -> EchoController:
         return _Suicidal()
+
+
+class Traps:
+    """Leaves traces when its pickle is opened."""
+
+    def __init__(self, trace: Path) -> None:
+        self._trace = trace
+
+    def __reduce__(self) -> Any:
+        return Path.touch, (self._trace,)
+
+
+def with_a_trap(path: Path, trace: Path) -> None:
+    """Put a prepared pickle into a checkpoint, as somebody else might."""
+    header, _, body = path.read_bytes().partition(b"\n")
+    length = json.loads(header)["plain"]
+    encoded = Encoded(body[:length], pickle.dumps([Traps(trace)]))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(checkpoint, "encode", lambda state: encoded)
+        checkpoint.save(path.parent, None)

@@ -20,6 +20,7 @@ import numpy as np
 from omegaconf import OmegaConf
 from pydantic import Field
 
+from zoac.build import build_task
 from zoac.checks import check_arguments
 from zoac.config import compose_config, resolved
 from zoac.errors import ConfigError, ZoacError, suggest
@@ -122,8 +123,11 @@ class Search:
 
     def _begin(self, plain: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
         """Mark a fresh study as one of this configuration and begin it at the defaults."""
+        from zoac.session import with_code
+
+        identified, _ = with_code(plain, build_task(plain))
         about = {
-            "config_hash": config_hash({**plain, "seed": self._seeds}),
+            "config_hash": config_hash({**identified, "seed": self._seeds}),
             "ranges": {key: str(value) for key, value in self._box.items()},
             "evaluation_seed": self._evaluation_seed,
         }
@@ -135,8 +139,8 @@ class Search:
                     self._study.enqueue_trial(dict(defaults))
             elif earlier != about:
                 raise ConfigError(
-                    f"{self._folder} holds a search of another configuration, or of other ranges; "
-                    "use those, or another search.name"
+                    f"{self._folder} holds a search of another configuration, code or ranges; use "
+                    "those, or another search.name"
                 )
 
     def run(self) -> None:

@@ -14,6 +14,7 @@ import pytest
 
 import zoac
 from tests.analysis.folders import NOMINAL, PID, write_run
+from tests.support import Traps
 from zoac.config import compose_config, resolved
 from zoac.errors import RunFolderError
 from zoac.results import task_of_run
@@ -31,16 +32,6 @@ Path({trace!r}).touch()
 class Task(PidAcc):
     pass
 """
-
-
-class Trap:
-    """Leaves a trace when its pickle is opened."""
-
-    def __init__(self, trace: Path) -> None:
-        self._trace = trace
-
-    def __reduce__(self) -> Any:
-        return Path.touch, (self._trace,)
 
 
 @pytest.fixture
@@ -82,9 +73,9 @@ def foreign(request: pytest.FixtureRequest, tmp_path: Path, trace: Path) -> Path
     for tuner, seed in (("zoac", 0), ("zoac", 1), ("nominal", 0)):
         gains = NOMINAL if tuner == "nominal" else None
         folder = write_run(root, tuner, seed, gains=gains, config={"task": task})
-        (folder / "task.pkl").write_bytes(pickle.dumps(Trap(trace)))
+        (folder / "task.pkl").write_bytes(pickle.dumps(Traps(trace)))
         (folder / "checkpoint").mkdir()
-        (folder / "checkpoint" / "current.ckpt").write_bytes(pickle.dumps(Trap(trace)))
+        (folder / "checkpoint" / "current.ckpt").write_bytes(pickle.dumps(Traps(trace)))
         run = json.loads((folder / "run.json").read_text())
         (folder / "run.json").write_text(json.dumps({**run, "fixed": {}}))
     return root
@@ -122,7 +113,7 @@ def test_what_would_be_loaded_is_named(tmp_path: Path) -> None:
 
 def test_what_is_trusted_is_loaded(tmp_path: Path, trace: Path) -> None:
     folder = write_run(tmp_path, config={"task": {"space": []}})
-    (folder / "task.pkl").write_bytes(pickle.dumps(Trap(trace)))
+    (folder / "task.pkl").write_bytes(pickle.dumps(Traps(trace)))
     with pytest.raises(RunFolderError, match="the pickle task.pkl"):
         task_of_run(folder)
     task_of_run(folder, trust_code=True)

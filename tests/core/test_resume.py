@@ -10,11 +10,10 @@ import pytest
 
 import zoac
 from tests.core.test_adapters import Drift, Integrator
+from tests.support import with_a_trap
 from zoac import build, checkpoint, records
 from zoac.config import compose_config, resolved
 from zoac.session import Run, execute
-from zoac.state import Encoded
-from zoac.trainer import Trainer
 
 CONF = Path(__file__).parents[2] / "conf"
 NEED_A_PICKLE = {"bo", "optuna"}
@@ -44,43 +43,6 @@ def run(folder, *overrides):
 
 def without_clocks(result):
     return json.dumps({k: v for k, v in result.items() if k not in records.CLOCKS})
-
-
-class Traps:
-    """Leaves traces when its pickle is opened."""
-
-    def __init__(self, trace):
-        self._trace = trace
-
-    def __reduce__(self):
-        return Path.touch, (self._trace,)
-
-
-@pytest.fixture
-def stopping(monkeypatch):
-    """Call to have every run stop after so many iterations; None: no more."""
-    original = Trainer.__init__
-
-    def after(iterations):
-        def init(self, *arguments, **options):
-            original(self, *arguments, **options)
-            calls = iter(range(10_000))
-            self._stop_requested = lambda: next(calls) == iterations
-
-        monkeypatch.setattr(Trainer, "__init__", original if iterations is None else init)
-
-    return after
-
-
-def with_a_trap(path, trace):
-    """Put a prepared pickle into a checkpoint, as somebody else might."""
-    header, _, body = path.read_bytes().partition(b"\n")
-    length = json.loads(header)["plain"]
-    encoded = Encoded(body[:length], pickle.dumps([Traps(trace)]))
-    state = {"x": 1}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(checkpoint, "encode", lambda state: encoded)
-        checkpoint.save(path.parent, state)
 
 
 def stopped_and_resumed(tmp_path, stopping, monkeypatch, *overrides, after=1):

@@ -3,6 +3,8 @@
 import errno
 import json
 import os
+import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support import Traps, with_a_trap
+from zoac import checkpoint, session
 from zoac.errors import ConfigError, ControllerError
 
 optuna = pytest.importorskip("optuna", reason="pip install 'zoac[search]'")
@@ -70,6 +74,39 @@ def test_an_unfinished_trial_is_taken_up_unless_its_process_is_at_it(tmp_path):
         mine.close()  # as when its process dies
         taken_up = other._take(theirs)
         assert (taken_up.number, taken_up.params) == (first.number, first.params)
+
+
+def test_an_edit_of_their_own_code_makes_another_search(tmp_path, monkeypatch):
+    shutil.copytree(ROOT / "examples" / "own_task", tmp_path / "own")
+    monkeypatch.chdir(tmp_path / "own")
+    monkeypatch.syspath_prepend(str(tmp_path / "own"))
+    runs = ["task=tank", "tuner=zoac"]
+    cheap(tmp_path, runs=runs)
+    cheap(tmp_path, runs=runs)
+    code = tmp_path / "own" / "tank.py"
+    code.write_text(code.read_text().replace("DT = 1.0", "DT = 20.0"))
+    sys.modules.pop("tank")
+    session._seen.clear()  # as in another process
+    with pytest.raises(ConfigError, match="another configuration, code or ranges"):
+        cheap(tmp_path, runs=runs)
+    sys.modules.pop("tank")
+
+
+def test_a_search_of_somebody_else_opens_no_pickle(tmp_path, stopping):
+    runs = [*RUNS, "budget=2000", "task.max_episode_steps=20", "evaluation.final_episodes=2"]
+    options = {**OPTIONS, "trials": 1, "seeds": [5]}
+    stopping(1)
+    with pytest.raises(KeyboardInterrupt):
+        Search(runs, folder=str(tmp_path), **options).run()
+    stopping(None)
+    (current,) = tmp_path.rglob(checkpoint.CURRENT)
+    with_a_trap(current, tmp_path / "trace")
+    (current.parents[1] / "task.pkl").write_bytes(pickle.dumps(Traps(tmp_path / "trace")))
+    search = Search(runs, folder=str(tmp_path), **options)
+    search.run()
+    search.conclude()
+    assert len(seen(search)) == 1
+    assert not (tmp_path / "trace").exists()
 
 
 def test_a_trial_that_begins_badly_is_dropped(tmp_path):
