@@ -96,7 +96,11 @@ def _of_evaluations(
 
 def _of_the_gate(result: Mapping[str, Any]) -> list[str]:
     gate = result.get("gate")
-    if gate is None or gate["pairs"] >= MIN_PAIRS or gate["candidate_is_start"]:
+    if gate is None or gate["candidate_is_start"]:
+        return []
+    if gate["p_value"] is None:
+        return [f"The answer is the start values: {gate['text']}."]
+    if gate["pairs"] >= MIN_PAIRS:
         return []
     return [
         f"The acceptance test had {gate['pairs']} pairs of episodes and fewer than {MIN_PAIRS} "

@@ -80,7 +80,7 @@ class BestEvaluated(ReservedSteps):
     def _begin_round(self, rounds: int) -> None:
         self._rounds = rounds
         if rounds:
-            self._until += self._left // (rounds * self._episodes.steps(1))
+            self._until += max(1, self._left // (rounds * self._episodes.steps(1)))
 
     def _ask_after(self) -> list[Proposal]:
         if not self._rounds:

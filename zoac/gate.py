@@ -79,7 +79,7 @@ class Gate(ReservedSteps):
         self._episodes.enter(self._start)
         self._episodes.enter(self._tuner.recommend())
         if not self._candidate_is_start:
-            self._pairs = self._left // self._episodes.steps(1)
+            self._pairs = self._left // (2 * self._longest)
 
     @property
     def _candidate_is_start(self) -> bool:
@@ -134,9 +134,12 @@ class Gate(ReservedSteps):
     def _not_run(self) -> str:
         if self._candidate_is_start:
             return "the search recommends the start values themselves"
+        if self._pairs:
+            done = len(self._episodes.costs)
+            return f"the test was not finished: {done} of {self._pairs} pairs of episodes were run"
         return (
-            f"the test could not be run: a pair of episodes may take "
-            f"{2 * self._problem.max_episode_steps:,} steps, and {self._left:,} were left for it"
+            f"the test could not be run: a pair of episodes may take {2 * self._longest:,} steps, "
+            f"and {max(0, self._left):,} were left for it"
         )
 
     def state(self) -> Any:

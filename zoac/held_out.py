@@ -143,6 +143,8 @@ class ReservedSteps(TunerStrategy):
         self._problem, self._share = problem, share
         self._search_steps = search_budget(problem.budget, share)
         self._steps = 0
+        # Where there is no time limit, episodes may be longer than those that were measured.
+        self._longest = problem.max_episode_steps
         self._searching = True
 
     def ask(self) -> list[Proposal]:
@@ -156,7 +158,7 @@ class ReservedSteps(TunerStrategy):
         return self._ask_after()
 
     def _most_steps(self, proposals: Sequence[Proposal]) -> int:
-        whole = self._problem.max_episode_steps
+        whole = self._longest
         return sum(whole if p.horizon is None else min(p.horizon, whole) for p in proposals)
 
     @property
@@ -178,17 +180,20 @@ class ReservedSteps(TunerStrategy):
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Hand on what the tuner asked for, or take what came after."""
-        self._steps += sum(segment.length for segment in segments)
+        lengths = [segment.length for segment in segments]
+        self._steps += sum(lengths)
+        self._longest = max(self._longest, *lengths)
         return super().tell(segments) if self._searching else self._tell_after(segments)
 
     def state(self) -> Any:
         """See `Tuner.state`."""
-        return {**super().state(), "steps": self._steps, "searching": self._searching}
+        counted = self._steps, self._longest, self._searching
+        return {**super().state(), "counted": counted}
 
     def restore(self, state: Any) -> None:
         """See `Tuner.restore`."""
         super().restore(state)
-        self._steps, self._searching = state["steps"], state["searching"]
+        self._steps, self._longest, self._searching = state["counted"]
 
 
 def search_budget(budget: int, share: float) -> int:

@@ -115,3 +115,16 @@ def test_a_single_parameter_is_no_problem_for_cma_es():
     one = replace(problem(), space=ParameterSpace([Parameter("a", 0.0, 1.0)]))
     with pytest.raises(ConfigError, match="needs two parameters or more"):
         CmaEs(one)
+
+
+@pytest.mark.parametrize("name", ["ScrHammersleySearch", "TwoPointsDE", "EDA"])
+def test_an_optimiser_that_ignores_its_initial_value_evaluates_nominal_parameters_first(name):
+    """EDA learns from no point but its own."""
+    start = np.full(5, 0.9)
+    tuner = Nevergrad(problem(nominal=start), name=name, start="nominal")
+    group = lanes()
+    first = group.rollout(tuner.ask())
+    assert np.allclose(first[0].proposal.z, start)
+    assert not any(np.allclose(s.proposal.z, start) for s in first[1:])
+    tuner.tell(first)
+    assert tuner.ask()
