@@ -189,6 +189,13 @@ def test_a_candidate_that_violates_constraints_is_not_accepted():
     assert driven(gated([0.4, 0.0]), mend=violate).recommend().tolist() == [0.5, 0.0]
 
 
+def test_broken_constraints_reach_the_gate_as_failures():
+    result = tune(tuner="random", gate=0.5, constraints={"never": lambda s: np.ones(s.length)})
+    verdict = result.record["gate"]
+    failures = verdict["start_failures"], verdict["candidate_failures"]
+    assert failures == (verdict["pairs"], verdict["pairs"]) != (0, 0)
+
+
 def test_plain_costs_are_compared_whatever_the_tuner_is_told():
     def regularised(segment):
         more = 100.0 if segment.proposal.z[0] == 0.4 else 0.0
