@@ -1,3 +1,4 @@
+import dataclasses
 import sys
 
 import numpy as np
@@ -12,6 +13,7 @@ from zoac.baselines.bo import BayesOpt, BoundedRegressor, kept_observations, max
 from zoac.baselines.optuna import Optuna, normal_scores
 from zoac.baselines.random_search import RandomSearch
 from zoac.errors import ConfigError
+from zoac.outcomes import CostRange
 from zoac.state import decode, encode
 
 # The library's estimate of the length scale ends at a bound now and then.
@@ -202,3 +204,27 @@ def test_a_missing_extra_is_named(monkeypatch):
     monkeypatch.delitem(sys.modules, "zoac.baselines.optuna")
     with pytest.raises(ConfigError, match=r"pip install 'zoac\[optuna\]'"):
         __import__("zoac.baselines.optuna")
+
+
+@pytest.mark.parametrize("tuner", [BayesOpt, Optuna])
+def test_a_model_sees_what_violates_as_worse_than_all_and_of_the_size_of_the_costs(
+    tuner, monkeypatch
+):
+    """At every ask anew: the first episode violates when nothing is known, costs grow later."""
+    seen = []
+    one, group = tuner(problem()), lanes()
+    prices = CostRange.prices
+
+    def spy(self, outcomes):
+        seen.append(prices(self, outcomes))
+        return seen[-1]
+
+    monkeypatch.setattr(CostRange, "prices", spy)
+    for costs in (1.0, 10.0, 100.0):
+        segments = [spoiled(s, costs) for s in group.rollout(one.ask())]
+        first = {} if costs > 1.0 else {"violation": 0.5, "costs": np.zeros(STEPS)}
+        one.tell([dataclasses.replace(segments[0], **first), *segments[1:]])
+    one.ask()
+    last = seen[-1]
+    assert last[0] == last.max() > last[1:].max()
+    assert last.max() < 2 * 100.0 * STEPS
