@@ -367,7 +367,8 @@ class Trainer:
         with fitting(of_tuner := "the tuner's state in the checkpoint"):
             _same_keys(of_tuner, state["tuner"], self._tuner.state())
             self._tuner.restore(state["tuner"])
-        with fitting("the constraints' state in the checkpoint"):
+        with fitting(of_constraints := "the constraints' state in the checkpoint"):
+            _same_keys(of_constraints, state["constraints"], self._constraints.state())
             self._constraints.restore(state["constraints"])
         self._last_finite = state["last_finite"]
         if state["lanes"] is None:

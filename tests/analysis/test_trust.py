@@ -111,6 +111,11 @@ def test_what_would_be_loaded_is_named(tmp_path: Path) -> None:
         task_of_run(folder)
 
 
+@pytest.mark.parametrize("path", ["zoac.tasks.register", "zoac.tasks.lqr.task.Task", "zoac.tasks"])
+def test_only_classes_of_zoacs_own_tasks_and_solvers_need_no_trust(path: str) -> None:
+    assert foreign_code({"_target_": path}) == [f"task._target_: {path}"]
+
+
 def test_what_is_trusted_is_loaded(tmp_path: Path, trace: Path) -> None:
     folder = write_run(tmp_path, config={"task": {"space": []}})
     (folder / "task.pkl").write_bytes(pickle.dumps(Traps(trace)))
