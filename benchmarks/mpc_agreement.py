@@ -87,7 +87,7 @@ def table(name: str, z: np.ndarray, starts: int) -> None:
     """Print one table of disagreement over the parameter vectors `z` (n, 19)."""
     reference = episodes(IpoptTracking(solver=SOLVER), z, starts)
     failed = np.concatenate([s.diagnostics["failed"] for s in reference])
-    actions = np.concatenate([s.actions for s in reference])[~failed]
+    actions = np.concatenate([s.commands for s in reference])[~failed]
     costs = np.array([s.costs.sum() for s in reference])
     print(f"\n{name}: {len(z)} parameter vectors x {starts} starts, {len(actions)} states")
     print(f"IPOPT: not converged in {failed.sum()} states; mean cost {costs.mean():.6f}")

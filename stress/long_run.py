@@ -29,7 +29,13 @@ def resident() -> int:
 
 def not_finite(segment: Segment) -> int:
     """Return how many numbers of a segment are not finite."""
-    arrays = [segment.observations, segment.actions, segment.costs, *segment.diagnostics.values()]
+    arrays = [
+        segment.observations,
+        segment.actions,
+        segment.commands,
+        segment.costs,
+        *segment.diagnostics.values(),
+    ]
     return sum(int((~np.isfinite(np.asarray(a, dtype=np.float64))).sum()) for a in arrays)
 
 

@@ -92,6 +92,7 @@ def same_segment(one: Segment, other: Segment) -> bool:
     return (
         np.array_equal(one.observations, other.observations)
         and np.array_equal(one.actions, other.actions)
+        and np.array_equal(one.commands, other.commands)
         and np.array_equal(one.costs, other.costs)
         and (one.terminated, one.truncated) == (other.terminated, other.truncated)
         and all(np.array_equal(v, other.diagnostics[k]) for k, v in one.diagnostics.items())

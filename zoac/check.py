@@ -105,7 +105,7 @@ def episodes_end(task: Task) -> Found:
 
 def determinism(task: Task) -> Found:
     """The same seed and actions give the same episode."""
-    actions = _segments(task)[0].actions
+    actions = _segments(task)[0].commands
     env, twin = task.make_env(1), task.make_env(1)
     try:
         one, other = played(env, actions, 11), played(twin, actions, 11)
@@ -148,7 +148,7 @@ def hidden_state(task: Task) -> Found:
             )
         memory = following
     for segment in segments[:2]:
-        if not np.array_equal(_replayed(task, segment), segment.actions):
+        if not np.array_equal(_replayed(task, segment), segment.commands):
             return False, "a new controller acts otherwise on the same observations"
     return True, "nothing lasts but its memory"
 

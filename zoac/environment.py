@@ -84,7 +84,8 @@ class LaneEnv(VectorEnv, ABC):
         Returns:
             Observations (n, o), rewards (n,) = -cost, terminated (n,), truncated (n,), and
             infos with `cost` (n,). A lane that stood still reports cost 0 and no end. Infos may
-            hold `failures`, lane -> `zoac.errors.EnvironmentFailure`, as those of `reset` may.
+            hold `failures`, lane -> `zoac.errors.EnvironmentFailure`, as those of `reset` may; and
+            `actions` (n, m) as they were applied, where that is not as they were given.
         """
 
     @abstractmethod
@@ -117,6 +118,7 @@ class ArrayLanes(LaneEnv):
         render_mode: str | None = None,
     ) -> None:
         super().__init__(num_envs, observation_space, action_space, max_episode_steps, render_mode)
+        self._bounds = action_space.low, action_space.high
         self.arrays: dict[str, np.ndarray] = {}
         self._generators: list[np.random.Generator | None] = [None] * num_envs
 
@@ -127,6 +129,10 @@ class ArrayLanes(LaneEnv):
     @abstractmethod
     def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Advance every lane by `actions` (n, m); return cost (n,) and terminated (n,)."""
+
+    def _applied(self, actions: np.ndarray) -> np.ndarray:
+        """Return what `_advance` will apply of `actions` (n, m); here: clipped to the bounds."""
+        return np.clip(actions, *self._bounds)
 
     @abstractmethod
     def _observe(self) -> np.ndarray:
@@ -170,6 +176,7 @@ class ArrayLanes(LaneEnv):
         self, actions: np.ndarray, mask: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """See `LaneEnv.step`."""
+        applied = self._applied(actions)
         if mask is None:
             cost, terminated = self._advance(actions)
             self._steps += 1
@@ -185,7 +192,8 @@ class ArrayLanes(LaneEnv):
         truncated = (self._steps >= self.max_episode_steps) & ~terminated
         if mask is not None:
             truncated &= mask
-        return self._observe(), -cost, terminated, truncated, {"cost": cost}
+        infos = {"cost": cost, "actions": applied}
+        return self._observe(), -cost, terminated, truncated, infos
 
     def state(self, lanes: Sequence[int] | np.ndarray) -> LaneState:
         """See `LaneEnv.state`."""

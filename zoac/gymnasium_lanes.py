@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
-from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
+from gymnasium.wrappers import ClipAction, NormalizeObservation, NormalizeReward, TimeLimit
 
 from zoac.environment import LaneEnv
 from zoac.errors import (
@@ -82,6 +82,7 @@ class GymnasiumLanes(LaneEnv):
         self.limited = limit is not None
         self.remarks = tuple(_drifting(first))
         self._envs = list(envs)
+        self._taken = _taken(first)
         self._make, self._objective = make, Objective(objective)
         self._plant = {name: float(value) for name, value in (plant or {}).items()}
         for env in self._envs:
@@ -148,8 +149,10 @@ class GymnasiumLanes(LaneEnv):
         n = self.num_envs
         failures: dict[int, EnvironmentFailure] = {}
         cost, terminated, truncated = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
+        applied = np.zeros_like(actions)
         for lane in range(n) if mask is None else np.flatnonzero(mask).tolist():
-            action = env_action(self._envs[lane].action_space, actions[lane])
+            action = env_action(self._taken, actions[lane])
+            applied[lane] = np.reshape(action, -1)
             self._steps[lane] += 1
             try:
                 result = self._call(lane, "step", action)
@@ -166,7 +169,8 @@ class GymnasiumLanes(LaneEnv):
                     "environment needs a time limit: give max_episode_steps"
                 )
             truncated[lane] = (cut or over_time) and not terminated[lane]
-        return self._seen.copy(), -cost, terminated, truncated, {"cost": cost, "failures": failures}
+        infos = {"cost": cost, "failures": failures, "actions": applied}
+        return self._seen.copy(), -cost, terminated, truncated, infos
 
     def _call(self, lane: int, method: str, *arguments: Any, **options: Any) -> Any:
         """Call an environment's method; one that raises is replaced by a new environment.
@@ -240,6 +244,22 @@ def env_action(space: gymnasium.Space, action: np.ndarray) -> Any:
         return int(space.start + np.clip(round(float(action[0])) - space.start, 0, space.n - 1))
     assert isinstance(space, Box)
     return np.clip(action.reshape(space.shape), space.low, space.high).astype(space.dtype)
+
+
+def _taken(env: gymnasium.Env) -> gymnasium.Space:
+    """Return the space of actions that an environment applies: within a ClipAction, its bounds."""
+    inner = env
+    while isinstance(inner, gymnasium.Wrapper):
+        if isinstance(inner, ClipAction):
+            return _taken(inner.env)
+        if isinstance(inner, gymnasium.ActionWrapper) or not _is_gymnasiums(inner):
+            break  # it may take actions in other units
+        inner = inner.env
+    return env.action_space
+
+
+def _is_gymnasiums(env: gymnasium.Wrapper) -> bool:
+    return type(env).__module__.startswith("gymnasium.wrappers.")
 
 
 def copy_of(env: gymnasium.Env) -> gymnasium.Env:

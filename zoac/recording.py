@@ -21,6 +21,7 @@ class Recording:
         self.rows = 0
         self._observations = np.empty((64, n, *observation))
         self._actions = np.empty((64, n, *action))
+        self._commands = np.empty((64, n, *action))
         self._costs = np.empty((64, n))
         self._diagnostics: dict[str, np.ndarray] = {}
 
@@ -28,6 +29,7 @@ class Recording:
         self,
         observations: np.ndarray,
         actions: np.ndarray,
+        commands: np.ndarray,
         costs: np.ndarray,
         diagnostics: Mapping[str, np.ndarray],
     ) -> None:
@@ -42,6 +44,7 @@ class Recording:
             }
         self._observations[row] = observations
         self._actions[row] = actions
+        self._commands[row] = commands
         self._costs[row] = costs
         for name, value in diagnostics.items():
             if name not in self._diagnostics:  # every controller failed before
@@ -56,6 +59,7 @@ class Recording:
     def _grow(self) -> None:
         self._observations = _doubled(self._observations)
         self._actions = _doubled(self._actions)
+        self._commands = _doubled(self._commands)
         self._costs = _doubled(self._costs)
         self._diagnostics = {name: _doubled(v) for name, v in self._diagnostics.items()}
 
@@ -73,6 +77,7 @@ class Recording:
                 [self._observations[rows, lane], last_observation[None]]
             ),
             "actions": self._actions[rows, lane].copy(),
+            "commands": self._commands[rows, lane].copy(),
             "costs": self._costs[rows, lane].copy(),
             "diagnostics": {name: v[rows, lane].copy() for name, v in self._diagnostics.items()},
         }

@@ -107,8 +107,8 @@ class LaneGroup:
             begin(lane)
         while active.any():
             before = self._observations
-            actions, costs, terminated, truncated, diagnostics = self._advance(active)
-            record.append(before, actions, costs, diagnostics)
+            actions, commands, costs, terminated, truncated, diagnostics = self._advance(active)
+            record.append(before, actions, commands, costs, diagnostics)
             self._steps += active
             remaining -= 1
             over = (terminated | truncated | (remaining == 0)) & active
@@ -138,16 +138,17 @@ class LaneGroup:
         """Let controllers act and environments step where `active` (n,) holds; price failures.
 
         Returns:
-            Actions (n, m), costs, terminated and truncated (n,), and the controllers' diagnostics.
+            Actions and commands (n, m), costs, terminated and truncated (n,), and the controllers'
+            diagnostics.
         """
         self._failures, self._not_begun = self._not_begun, {}
         moves = active.copy()
         moves[list(self._failures)] = False
         everyone = bool(moves.all())
-        actions, diagnostics = self._act(None if everyone else np.flatnonzero(moves))
+        commands, diagnostics = self._act(None if everyone else np.flatnonzero(moves))
         before = self._observations
         self._observations, _, terminated, truncated, infos = self._env.step(
-            actions, None if everyone else moves
+            commands, None if everyone else moves
         )
         costs, failures = infos["cost"], dict(infos.get("failures", {}))
         if self._penalty is not None:
@@ -166,7 +167,8 @@ class LaneGroup:
             failed[list(self._failures)] = True
             terminated, truncated = terminated | failed, truncated & ~failed
             costs = np.where(failed, self._penalty, costs)
-        return actions, costs, terminated, truncated, diagnostics
+        actions = infos.get("actions", commands)
+        return actions, commands, costs, terminated, truncated, diagnostics
 
     def _priced(self, failure: ZoacError, told: str) -> str:
         """Return what is told of a failure, if the task prices failures; else raise it.

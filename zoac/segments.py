@@ -41,7 +41,8 @@ class Segment:
     Args:
         proposal: The proposal that was run.
         observations: (T + 1, o); the last one is where the segment ended.
-        actions: (T, m).
+        actions: What the environment applied, (T, m): clipped, rounded and cast as it does.
+        commands: What the controller returned, (T, m).
         costs: (T,).
         terminated: The episode ended by itself: what follows costs nothing more.
         truncated: The episode was cut at its time limit: what follows would have cost more.
@@ -57,6 +58,7 @@ class Segment:
     proposal: Proposal
     observations: np.ndarray
     actions: np.ndarray
+    commands: np.ndarray
     costs: np.ndarray
     terminated: bool
     truncated: bool
@@ -84,6 +86,7 @@ class Segment:
             self,
             observations=self.observations[:-1],
             actions=self.actions[:-1],
+            commands=self.commands[:-1],
             costs=self.costs[:-1],
             reported_costs=None if self.reported_costs is None else self.reported_costs[:-1],
             diagnostics={name: rows[:-1] for name, rows in self.diagnostics.items()},

@@ -83,6 +83,11 @@ class RoadLanes(ArrayLanes):
         cost = ((WANTED - self._v) / 10.0) ** 2 + 0.05 * a * a + CHANGE_COST * change
         return cost + COLLISION_COST * collided, collided
 
+    def _applied(self, actions: np.ndarray) -> np.ndarray:
+        applied = super()._applied(actions)
+        applied[:, 1] = actions[:, 1] > 0.5
+        return applied
+
     def _observe(self) -> np.ndarray:
         own, other = self._ahead[self._row, self._road], self._ahead[self._row, 1 - self._road]
         speed, next_speed = self._now[self._row, self._road], self._now[self._row, 1 - self._road]

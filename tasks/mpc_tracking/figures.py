@@ -24,7 +24,7 @@ SHOWN_AHEAD, SHOWN_BEHIND = 60.0, 30.0  # [m]
 def traces(segment: Segment) -> list[Trace]:
     """Return the path, the three errors that end an episode, and the two inputs."""
     x, y, phi, u = segment.observations[:, :4].T
-    delta, a = segment.actions.clip(INPUT_LOW, INPUT_HIGH).T
+    delta, a = segment.actions.T
     time = path.STEP * np.arange(segment.length + 1)
     lateral = y - [path.lateral(at) for at in x]
     heading = np.degrees(phi - [path.heading(at) for at in x])

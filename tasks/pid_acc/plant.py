@@ -91,6 +91,10 @@ class PidAccLanes(ArrayLanes):
         )
         return cost, terminated
 
+    def _applied(self, actions: np.ndarray) -> np.ndarray:
+        before = self._history[:, 9:]
+        return np.clip(before + np.clip(actions, U_LOW, U_HIGH), U_LOW, U_HIGH) - before
+
     def _observe(self) -> np.ndarray:
         return self._history.copy()
 

@@ -14,6 +14,7 @@ def make_segment(rng, length, lane=0, terminated=False, truncated=False, starts=
         proposal=Proposal(np.zeros(1), lane),
         observations=rng.normal(size=(length + 1, 2)),
         actions=np.zeros((length, 1)),
+        commands=np.zeros((length, 1)),
         costs=rng.normal(size=length),
         terminated=terminated,
         truncated=truncated,

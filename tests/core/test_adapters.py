@@ -67,7 +67,7 @@ def test_a_controllers_memory_begins_anew_with_each_episode():
     for segment in (one, two):
         k = SPACE.physical(np.array([0.1]))["k"]
         np.testing.assert_allclose(
-            segment.actions[:, 0], -k * np.cumsum(segment.observations[:-1, 0])
+            segment.commands[:, 0], -k * np.cumsum(segment.observations[:-1, 0])
         )
 
 

@@ -52,7 +52,7 @@ def test_a_file_read_back_acts_as_the_tuned_controller(suffix, tmp_path):
     params = read(path.read_text())
     segment = closed_loop(result)
     by_hand = np.array([law(params, o) for o in segment.observations[:-1]])
-    assert np.array_equal(by_hand, segment.actions[:, 0])
+    assert np.array_equal(by_hand, segment.commands[:, 0])
 
 
 def test_the_c_header_holds_every_value_as_its_type(tmp_path):
@@ -100,7 +100,7 @@ def test_the_c_header_acts_as_the_tuned_controller(tmp_path, reader):
     export(WORDS, tmp_path / "words.h", {})
     by_header = reader(tmp_path)
     segment = closed_loop(result)
-    assert [by_header(o[0]) for o in segment.observations[:-1]] == segment.actions[:, 0].tolist()
+    assert [by_header(o[0]) for o in segment.observations[:-1]] == segment.commands[:, 0].tolist()
 
 
 @pytest.mark.parametrize("suffix", [".yaml", ".json"])
@@ -161,7 +161,7 @@ def test_a_loaded_controller_that_remembers_acts_as_the_tuned_one(tmp_path):
     assert loaded.parameters["unused"] == 2.0
     controller = loaded.controller()
     segment = closed_loop(result)
-    wanted = np.clip(segment.actions, -1, 1).astype(np.float32)
+    wanted = segment.actions.astype(np.float32)
     for _ in range(2):  # the second time from a reset
         assert np.array_equal(replayed(controller, segment), wanted)
         controller.reset()
@@ -172,7 +172,7 @@ def test_a_built_in_tasks_controller_comes_from_its_configuration(tmp_path):
                        quiet=True, folder=tmp_path)  # fmt: skip
     segment = closed_loop(result)
     assert np.array_equal(
-        replayed(zoac.load_result(tmp_path).controller(), segment), segment.actions
+        replayed(zoac.load_result(tmp_path).controller(), segment), segment.commands
     )
 
 

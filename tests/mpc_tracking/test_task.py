@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -87,10 +88,7 @@ def test_failures_and_retries_are_counted(segment) -> None:
         "solver_failed": np.array([True, False, True, False, False, False]),
         "solver_retried": np.array([True, True, True, False, False, False]),
     }
-    marked = Segment(
-        segment.proposal, segment.observations, segment.actions, segment.costs,
-        False, False, True, diagnostics,
-    )  # fmt: skip
+    marked = replace(segment, diagnostics=diagnostics)
     assert metric("solver_failures", marked).sum() == 2
     assert metric("solver_retries", marked).sum() == 3
 
