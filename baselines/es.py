@@ -57,7 +57,7 @@ class EvolutionStrategy(EpisodeTuner):
         self._standardise = standardise_costs
         self._start = start
         self._theta = self._starting_point(start)
-        self._adam = Adam(self._theta)
+        self._adam = Adam(problem.space.dimension)
         self._noise = np.empty((0, len(self._theta)))
 
     def _draw(self) -> list[np.ndarray]:
@@ -69,21 +69,19 @@ class EvolutionStrategy(EpisodeTuner):
         gradient = es_gradient(self._noise, costs, self._sigma, standardise=self._standardise)
         # The mean stays in the box: beyond it nothing would pull it back, since the noise is
         # clipped away there.
-        self._theta = self._theta.copy()
-        self._adam.descend(self._theta, gradient, self._step_size)
-        self._theta = self._problem.space.clip(self._theta)
+        theta = self._adam.descend(self._theta, gradient, self._step_size)
+        self._theta = self._problem.space.clip(theta)
         return {"gradient_norm": float(np.linalg.norm(gradient))}
 
     def _own_recommendation(self) -> np.ndarray | None:
         return self._theta
 
     def _own_state(self) -> Any:
-        return self._theta.copy(), self._adam.state(), self._noise.copy()
+        return self._theta.copy(), self._adam.moments, self._noise.copy()
 
     def _own_restore(self, state: Any) -> None:
-        theta, adam, noise = state
+        theta, self._adam.moments, noise = state
         self._theta = theta.copy()
-        self._adam.restore(adam)
         self._noise = noise.copy()
 
     def describe(self) -> dict[str, Any]:

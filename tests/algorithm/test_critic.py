@@ -1,4 +1,5 @@
 import copy
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -16,9 +17,9 @@ def make_critic(seed=0, epochs=1, minibatch=64, **options):
 def torch_twin(critic):
     """The same network as PyTorch modules, with the same weights."""
     layers = []
-    for matrix, bias in zip(critic._matrices, critic._biases, strict=True):
-        linear = torch.nn.Linear(matrix.shape[1], matrix.shape[0])
-        linear.weight.data.copy_(matrix)
+    for matrix, bias in critic._layers:
+        linear = torch.nn.Linear(*matrix.shape)
+        linear.weight.data.copy_(matrix.t())
         linear.bias.data.copy_(bias)
         layers += [linear, torch.nn.Tanh()]
     return torch.nn.Sequential(*layers[:-1])
@@ -31,10 +32,10 @@ def test_values_are_those_of_the_network():
     np.testing.assert_allclose(critic.values(observations), expected.detach(), rtol=1e-5)
 
 
-@pytest.mark.parametrize("scale", [1.0, 1000.0])
-def test_fit_is_autograd_and_adam_on_equation_8(scale):
+@pytest.mark.parametrize(("scale", "accuracy"), [(1.0, 1e-5), (1000.0, 1e-3)])
+def test_fit_is_autograd_and_adam_on_equation_8(scale, accuracy):
     """Over shuffled minibatches, the last of an epoch smaller than the others; observations of
-    thousands saturate the first layer nearly everywhere."""
+    thousands saturate the first layer nearly everywhere, where tanh' is little but rounding."""
     epochs, minibatch = 2, 32
     critic = make_critic(epochs=epochs, minibatch=minibatch)
     twin, order = torch_twin(critic), copy.deepcopy(critic._rng)
@@ -52,22 +53,20 @@ def test_fit_is_autograd_and_adam_on_equation_8(scale):
             adam.step()
             losses.append(each.detach())
     assert critic.fit(observations, targets) == pytest.approx(
-        torch.cat(losses).mean().item(), rel=1e-5
+        torch.cat(losses).mean().item(), rel=accuracy
     )
-    saturated = critic._unsaturated[0]._count >= 0
-    assert saturated == (scale > 1.0)
-    for matrix, bias, linear in zip(critic._matrices, critic._biases, twin[::2], strict=True):
-        np.testing.assert_allclose(matrix, linear.weight.detach(), atol=1e-5)
-        np.testing.assert_allclose(bias, linear.bias.detach(), atol=1e-5)
+    for (matrix, bias), linear in zip(critic._layers, twin[::2], strict=True):
+        np.testing.assert_allclose(matrix.t(), linear.weight.detach(), atol=accuracy)
+        np.testing.assert_allclose(bias, linear.bias.detach(), atol=accuracy)
 
 
 def test_orthogonal_start_with_the_stated_gains():
     critic = make_critic()
-    first, second, last = (m.numpy() for m in critic._matrices)
+    first, second, last = (matrix.numpy().T for matrix, _ in critic._layers)
     np.testing.assert_allclose(first.T @ first, (5 / 3) ** 2 * np.eye(5), atol=1e-5)
     np.testing.assert_allclose(second @ second.T, (5 / 3) ** 2 * np.eye(12), atol=1e-5)
     np.testing.assert_allclose(last @ last.T, [[1.0]], atol=1e-5)
-    assert all(not bias.any() for bias in critic._biases)
+    assert all(not bias.any() for _, bias in critic._layers)
 
 
 def test_fit_learns_a_function():
@@ -94,7 +93,6 @@ def test_restored_critic_goes_on_to_the_same_bits():
     rng = np.random.default_rng(5)
     observations, targets = rng.normal(size=(100, 5)), rng.normal(size=100)
     critic = make_critic(epochs=2, normalise_observations=True)
-    critic.learn_scale(observations)
     critic.fit(observations, targets)
     twin = make_critic(seed=9, epochs=2, normalise_observations=True)
     twin.restore(critic.state())
@@ -108,10 +106,71 @@ def test_saved_state_does_not_change_with_the_critic():
     critic = make_critic()
     critic.fit(observations, targets)
     saved = critic.state()
-    before = saved["weights"].copy(), saved["adam"][0].copy()
+    before = copy.deepcopy(saved)
     critic.fit(observations, targets)
-    assert np.array_equal(saved["weights"], before[0])
-    assert np.array_equal(saved["adam"][0], before[1])
+    np.testing.assert_equal(saved, before)
+
+
+def test_restored_state_does_not_change_with_the_critic():
+    rng = np.random.default_rng(6)
+    observations, targets = rng.normal(size=(40, 5)), rng.normal(size=40)
+    critic = make_critic(normalise_observations=True)
+    critic.fit(observations, targets)
+    saved = critic.state()
+    before = copy.deepcopy(saved)
+    critic.restore(saved)
+    critic.fit(observations, targets)
+    np.testing.assert_equal(saved, before)
+
+
+def test_products_are_computed_on_one_thread(monkeypatch):
+    threads, product = [], torch.addmm
+    monkeypatch.setattr(
+        torch, "addmm", lambda *a, **k: threads.append(torch.get_num_threads()) or product(*a, **k)
+    )
+    with settings_of_a_caller():
+        critic = make_critic()
+        critic.fit(np.ones((3, 5)), np.ones(3))
+        critic.values(np.ones((3, 5)))
+    assert threads
+    assert set(threads) == {1}
+
+
+@contextmanager
+def settings_of_a_caller():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(2)
+    torch.set_default_dtype(torch.float64)
+    try:
+        with torch.device("meta"), torch.inference_mode():
+            yield
+    finally:
+        torch.set_num_threads(threads)
+        torch.set_default_dtype(torch.float32)
+
+
+def test_bits_do_not_depend_on_the_callers_settings_of_torch_and_leave_them():
+    rng = np.random.default_rng(12)
+    observations, targets = rng.normal(size=(99, 5)), rng.normal(size=99)
+
+    def outcome():
+        critic = make_critic(normalise_observations=True)
+        critic.restore(critic.state())
+        loss = critic.fit(observations, targets)
+        return loss, critic.values(observations)
+
+    expected = outcome()
+    with settings_of_a_caller():
+        found = outcome()
+        assert torch.get_num_threads() == 2
+        assert torch.get_default_dtype() == torch.float64
+        assert torch.is_inference_mode_enabled()
+    assert found[0] == expected[0]
+    np.testing.assert_array_equal(found[1], expected[1])
+    with torch.enable_grad():
+        critic = make_critic()
+        critic.fit(observations, targets)
+        assert torch.is_grad_enabled()
 
 
 def test_running_statistics_are_those_of_all_observations_together():
@@ -126,15 +185,16 @@ def test_running_statistics_are_those_of_all_observations_together():
 
 
 def test_a_mean_without_gradient_ends_at_zero_not_among_subnormal_numbers():
-    weights, gradient = np.ones(40, np.float32), np.ones(40, np.float32)
-    adam = Adam(weights)
-    adam.descend(weights, gradient, 1e-3)
-    gradient[::2] = 0.0
+    rng = np.random.default_rng(9)
+    critic = make_critic(epochs=1, minibatch=50)
+    observations, targets = rng.normal(size=(50, 5)), rng.normal(size=50)
+    critic.fit(observations, targets)
+    observations[:, 0] = 0.0  # from now on the weights of this input have no gradient
     for _ in range(1000):
-        adam.descend(weights, gradient, 1e-3)
-    first, _, _ = adam.state()
-    assert not first[::2].any()
-    assert first[1::2] == pytest.approx(1.0)
+        critic.fit(observations, targets)
+    mean = critic.state()["adam"]["exp_avg"]
+    assert not np.any((mean != 0) & (np.abs(mean) < np.finfo(np.float32).smallest_normal))
+    assert np.array_equal(mean == 0, np.arange(len(mean)) < 16)
 
 
 def test_adam_is_pytorchs():
@@ -142,9 +202,9 @@ def test_adam_is_pytorchs():
     theta = torch.zeros(3, dtype=torch.float64, requires_grad=True)
     reference = torch.optim.Adam([theta], lr=0.03)
     ours = np.zeros(3)
-    adam = Adam(ours)
+    adam = Adam(3)
     for gradient in rng.normal(size=(20, 3)):
         theta.grad = torch.from_numpy(gradient)
         reference.step()
-        adam.descend(ours, gradient, 0.03)
+        ours = adam.descend(ours, gradient, 0.03)
     np.testing.assert_allclose(ours, theta.detach().numpy(), rtol=1e-6)

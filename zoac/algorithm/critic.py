@@ -1,38 +1,41 @@
 """The critic V_w(s): a tanh network fitted to value targets (eq. 8).
 
-Tens of thousands of minibatch steps on a small network are most of the time of a tuning run, so
-the gradient is written out for this one architecture instead of traced by autograd, all weights
-live in one flat tensor that Adam updates in a single call, what is no matrix product is fused, and
-what saturation makes zero is not computed.
+Its minibatch steps are most of the time of a tuning run. Autograd would take half as long again,
+so the gradient is written out, into memory that is kept.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
-from numba import njit
 
-from zoac.algorithm.adam import Adam
-from zoac.algorithm.saturation import Unsaturated
+_FLOAT: dict[str, Any] = {"dtype": torch.float32, "device": "cpu"}
 
-_CHUNK = 4096
 
-# The number of threads changes the order of sums and so the bits; one is also the fastest for
-# matrices this small when several runs share the machine.
-torch.set_num_threads(1)
+@contextmanager
+def _own_settings() -> Iterator[None]:
+    """Compute on one thread and without autograd; the caller's own settings stay.
+
+    The number of threads changes the order of sums and so the bits.
+    """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with torch.inference_mode():
+            yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 class Critic:
-    """V_w(s): observation -> tanh layers -> one number, in float32.
+    """V_w(s): observation -> tanh layers -> one number, in float32."""
 
-    Initialised orthogonally: gain 5/3 in the hidden layers, 1 in the last, biases 0.
-    """
-
+    @_own_settings()
     def __init__(
         self,
         observation_size: int,
@@ -55,55 +58,33 @@ class Critic:
             normalise_observations: Shift and scale observations by running statistics.
             target_scale: Factor on the targets inside the network, for costs far from 1.
         """
-        self._rng = rng
-        self._epochs = epochs
-        self._minibatch = minibatch
-        self._target_scale = target_scale
-        self._statistics = RunningStatistics(observation_size) if normalise_observations else None
+        self._rng, self._epochs, self._minibatch = rng, epochs, minibatch
+        self._normalise, self._target_scale = normalise_observations, target_scale
+        self._statistics = RunningStatistics(observation_size)
         sizes = [observation_size, *hidden, 1]
-        shapes = [s for i, o in pairwise(sizes) for s in ((o, i), (o,))]
-        count = sum(math.prod(shape) for shape in shapes)
-        self._weights = torch.zeros(count)
-        self._gradient = torch.zeros(count)
-        views = _views(self._weights, shapes)
-        self._matrices, self._biases = views[::2], views[1::2]
-        views = _views(self._gradient, shapes)
-        self._matrix_gradients, self._bias_gradients = views[::2], views[1::2]
-        generator = torch.Generator().manual_seed(int(rng.integers(2**63)))
-        for matrix in self._matrices:
-            gain = 1.0 if matrix is self._matrices[-1] else 5 / 3
-            torch.nn.init.orthogonal_(matrix, gain=gain, generator=generator)
-        # Kept: memory of this size would go back to the system and come again at every step, and
-        # a view takes as long as a small product.
-        self._transposed = [matrix.t() for matrix in self._matrices[:-1]]
-        self._row, self._row_gradient = self._matrices[-1][0], self._matrix_gradients[-1][0]
-        self._matrix_arrays = [matrix.numpy() for matrix in self._matrices]
-        self._matrix_gradient_arrays = [matrix.numpy() for matrix in self._matrix_gradients]
-        # The last hidden layer's flow comes from a product with one row and is never worth it.
-        self._unsaturated = [Unsaturated(minibatch, width) for width in hidden[:-1]]
-        self._work = _Work.of(
-            self._layers(minibatch),
-            self._layers(minibatch),
-            torch.empty(minibatch),
-            torch.empty(minibatch),
-        )
-        self._arrays = self._weights.numpy(), self._gradient.numpy()
-        self._output = self._biases[-1].numpy(), self._row.numpy()
-        self._learning_rate = learning_rate
-        self._adam = Adam(self._weights.numpy())
+        # One vector of all weights: Adam moves it in one call.
+        count = sum((below + 1) * width for below, width in pairwise(sizes))
+        self._weights = torch.nn.Parameter(torch.zeros(count, **_FLOAT), requires_grad=False)
+        self._weights.grad = torch.zeros(count, **_FLOAT)
+        self._layers = _layers(self._weights, sizes)
+        self._gradients = _layers(self._weights.grad, sizes)
+        generator = torch.Generator("cpu").manual_seed(int(rng.integers(2**63)))
+        for matrix, bias in self._layers:
+            gain = 1.0 if bias is self._layers[-1][1] else 5 / 3
+            torch.nn.init.orthogonal_(matrix.t(), gain=gain, generator=generator)
+        self._adam = torch.optim.Adam([self._weights], lr=learning_rate, fused=True)
+        self._outputs = [torch.empty(minibatch, width, **_FLOAT) for width in sizes[1:]]
+        self._flows = [torch.empty_like(memory) for memory in self._outputs]
+        self._one = torch.ones((), **_FLOAT)
 
-    @torch.no_grad()
+    @_own_settings()
     def values(self, observations: np.ndarray) -> np.ndarray:
         """Return V_w of observations (B, o), shape (B,), float64."""
-        parts = []
-        # Slices of bounded size: fast in cache, and bits that do not depend on B's neighbours.
-        for part in self._inputs(observations).split(_CHUNK):
-            hidden = self._layers(len(part))
-            self._activate(part, hidden)
-            parts.append(torch.mv(hidden[-1], self._row).add_(self._biases[-1]))
-        return torch.cat(parts).double().numpy() / self._target_scale
+        parts = self._inputs(observations).split(self._minibatch)
+        values = [self._forward(part)[-1].flatten().double() for part in parts]
+        return torch.cat(values).numpy() / self._target_scale
 
-    @torch.no_grad()
+    @_own_settings()
     def fit(self, observations: np.ndarray, targets: np.ndarray) -> float:
         """Minimise eq. (8) by M epochs of minibatch steps; return the mean loss of the last.
 
@@ -111,208 +92,101 @@ class Critic:
             observations: States (B, o).
             targets: Value targets (B,).
         """
+        if self._normalise:
+            self._statistics.update(observations)
         inputs = self._inputs(observations)
-        scaled = (targets * self._target_scale).astype(np.float32)
-        shuffled = torch.empty_like(inputs)
-        squares = 0.0
-        for epoch in range(self._epochs):
-            order = self._rng.permutation(len(inputs))
-            torch.index_select(inputs, 0, torch.from_numpy(order), out=shuffled)
-            wanted = scaled[order]
-            for number, states in enumerate(shuffled.split(self._minibatch)):
-                first = number * self._minibatch
-                error = self._step(states, wanted[first : first + len(states)])
-                if epoch == self._epochs - 1:
-                    squares += float(error.dot(error))
+        wanted = torch.from_numpy((targets * self._target_scale).astype(np.float32)).unsqueeze(1)
+        shuffled, squares = torch.empty_like(inputs), 0.0
+        for _ in range(self._epochs):
+            order = torch.from_numpy(self._rng.permutation(len(inputs)))
+            states = torch.index_select(inputs, 0, order, out=shuffled).split(self._minibatch)
+            squares = sum(map(self._step, states, wanted[order].split(self._minibatch)))
+        for moment in self._adam.state[self._weights].values():
+            # Without a gradient it would end as a subnormal number, slower than any other.
+            moment[moment.abs() < torch.finfo(moment.dtype).smallest_normal] = 0.0
         return 0.5 * squares / len(inputs) / self._target_scale**2
 
-    def learn_scale(self, observations: np.ndarray) -> None:
-        """Take observations (B, o) into the running statistics, if they are in use."""
-        if self._statistics is not None:
-            self._statistics.update(observations)
-
     def _inputs(self, observations: np.ndarray) -> torch.Tensor:
-        if self._statistics is not None:
-            observations = self._statistics.normalised(observations)
-        return torch.from_numpy(observations.astype(np.float32))
+        return torch.from_numpy(self._statistics.normalised(observations).astype(np.float32))
 
-    def _layers(self, size: int) -> list[torch.Tensor]:
-        return [torch.empty(size, len(matrix)) for matrix in self._matrices[:-1]]
-
-    def _activate(self, inputs: torch.Tensor, hidden: Sequence[torch.Tensor]) -> None:
-        """Write the hidden layers' activations to `hidden`, (B, width) each."""
+    def _forward(self, inputs: torch.Tensor) -> list[torch.Tensor]:
+        """Return every layer's output, V_w (B, 1) last; the next call overwrites them."""
+        outputs = [memory[: len(inputs)] for memory in self._outputs]
         below = inputs
-        for matrix, bias, out in zip(self._transposed, self._biases[:-1], hidden, strict=True):
-            below = torch.addmm(bias, below, matrix, out=out).tanh_()
+        for (matrix, bias), out in zip(self._layers, outputs, strict=True):
+            torch.addmm(bias, below, matrix, out=out)
+            if out is not outputs[-1]:
+                np.tanh(out.numpy(), out=out.numpy())  # ten times as fast as torch's
+            below = out
+        return outputs
 
-    def _step(self, inputs: torch.Tensor, targets: np.ndarray) -> torch.Tensor:
-        """One Adam step on the mean of 0.5 (V - G)^2; return V - G before it, (B,)."""
-        work, size = self._work, len(inputs)
-        if size < self._minibatch:  # the last of an epoch
-            work = work.first(size)
-        self._activate(inputs, work.hidden)
-        torch.mv(work.hidden[-1], self._row, out=work.values)
-        activations, flows = work.activations, work.flow_arrays
-        _output_flow(*work.end_arrays, flows[-1], activations[-1], targets, *self._output)
-        torch.mv(work.hidden_transposed[-1], work.slope, out=self._row_gradient)
-        torch.sum(work.slope, 0, keepdim=True, out=self._bias_gradients[-1])
-        few = False  # places at which this layer's flow is not 0
-        for layer in range(len(work.hidden) - 1, -1, -1):
-            below = inputs if layer == 0 else work.hidden[layer - 1]
-            if few:
-                self._unsaturated[layer].gradient(
-                    flows[layer], below.numpy(), self._matrix_gradient_arrays[layer]
-                )
-            else:
-                torch.mm(work.flows_transposed[layer], below, out=self._matrix_gradients[layer])
-            torch.sum(work.flows[layer], 0, out=self._bias_gradients[layer])
-            if layer == 0:
-                break
-            unsaturated, activation = self._unsaturated[layer - 1], activations[layer - 1]
-            few = unsaturated.find(activation)
-            if few:
-                matrix = self._matrix_arrays[layer]
-                unsaturated.flow(flows[layer], matrix, activation, flows[layer - 1])
-            else:
-                torch.mm(work.flows[layer], self._matrices[layer], out=work.flows[layer - 1])
-                _through_tanh(flows[layer - 1], activation)
-        self._adam.descend(*self._arrays, self._learning_rate)
-        return work.values
+    def _step(self, inputs: torch.Tensor, targets: torch.Tensor) -> float:
+        """One Adam step on the mean of 0.5 (V - G)^2; return the sum of (V - G)^2 before it."""
+        outputs = self._forward(inputs)
+        flows = [memory[: len(inputs)] for memory in self._flows]  # gradients before each tanh
+        error = outputs[-1].sub_(targets)
+        torch.div(error, len(inputs), out=flows[-1])
+        for layer in range(len(flows) - 1, -1, -1):
+            below = outputs[layer - 1] if layer else inputs
+            matrix_gradient, bias_gradient = self._gradients[layer]
+            torch.mm(below.t(), flows[layer], out=matrix_gradient)
+            torch.sum(flows[layer], 0, out=bias_gradient)
+            if layer:
+                slope = torch.addcmul(self._one, below, below, value=-1, out=below)  # 1 - tanh^2
+                matrix = self._layers[layer][0]
+                torch.mm(flows[layer], matrix.t(), out=flows[layer - 1]).mul_(slope)
+        self._adam.step()
+        return float(error.square().sum())
 
+    @_own_settings()
     def state(self) -> dict[str, Any]:
         """Return a copy: weights, Adam's moments, random stream, statistics."""
+        adam = self._adam.state[self._weights]
         return {
             "weights": self._weights.numpy().copy(),
-            "adam": self._adam.state(),
+            "adam": {name: value.numpy().copy() for name, value in adam.items()},
             "rng": self._rng.bit_generator.state,
-            "statistics": None if self._statistics is None else self._statistics.state(),
+            "statistics": self._statistics.moments,
         }
 
+    @_own_settings()
     def restore(self, state: dict[str, Any]) -> None:
         """Put back what `state` returned."""
         self._weights.copy_(torch.from_numpy(state["weights"]))
-        self._adam.restore(state["adam"])
+        adam = {name: torch.from_numpy(value.copy()) for name, value in state["adam"].items()}
+        self._adam.state[self._weights] = adam
         self._rng.bit_generator.state = state["rng"]
-        if self._statistics is not None:
-            self._statistics.restore(state["statistics"])
-
-
-class _Work(NamedTuple):
-    """A minibatch's memory, for each hidden layer (B, width), with its views."""
-
-    hidden: list[torch.Tensor]
-    """Activations."""
-    flows: list[torch.Tensor]
-    """Gradients of the loss at what enters the activation."""
-    hidden_transposed: list[torch.Tensor]
-    flows_transposed: list[torch.Tensor]
-    values: torch.Tensor
-    """V_w, then the error, (B,)."""
-    slope: torch.Tensor
-    """Gradient of the loss at V_w, (B,)."""
-    activations: list[np.ndarray]
-    flow_arrays: list[np.ndarray]
-    end_arrays: tuple[np.ndarray, np.ndarray]
-    """`hidden`, `flows`, `values` and `slope` as numba reads them."""
-
-    @classmethod
-    def of(
-        cls,
-        hidden: list[torch.Tensor],
-        flows: list[torch.Tensor],
-        values: torch.Tensor,
-        slope: torch.Tensor,
-    ) -> _Work:
-        return cls(
-            hidden,
-            flows,
-            [part.t() for part in hidden],
-            [part.t() for part in flows],
-            values,
-            slope,
-            [part.numpy() for part in hidden],
-            [part.numpy() for part in flows],
-            (values.numpy(), slope.numpy()),
-        )
-
-    def first(self, size: int) -> _Work:
-        """Return the part for a smaller minibatch."""
-        return _Work.of(
-            [part[:size] for part in self.hidden],
-            [part[:size] for part in self.flows],
-            self.values[:size],
-            self.slope[:size],
-        )
+        self._statistics.moments = state["statistics"]
 
 
 class RunningStatistics:
     """Mean and variance of all observations so far (Chan et al.'s parallel update)."""
 
     def __init__(self, size: int) -> None:
-        self._count = 0
-        self._mean = np.zeros(size)
-        self._squares = np.zeros(size)  # sum of squared deviations from the mean
+        self.moments = 0, np.zeros(size), np.zeros(size)  # number, mean, squared deviations' sum
 
     def update(self, observations: np.ndarray) -> None:
         """Take in observations (B, o)."""
-        count = len(observations)
-        mean = observations.mean(axis=0)
-        total = self._count + count
-        shift = mean - self._mean
-        self._squares += ((observations - mean) ** 2).sum(axis=0)
-        self._squares += shift**2 * self._count * count / total
-        self._mean = self._mean + shift * count / total
-        self._count = total
+        before, mean, squares = self.moments
+        count, own_mean = len(observations), observations.mean(axis=0)
+        total, shift = before + count, own_mean - mean
+        squares = squares + ((observations - own_mean) ** 2).sum(axis=0)
+        squares = squares + shift**2 * before * count / total
+        self.moments = total, mean + shift * count / total, squares
 
     def normalised(self, observations: np.ndarray) -> np.ndarray:
-        """Return observations (B, o) at mean 0 and standard deviation 1, clipped at 10."""
-        if self._count == 0:
+        """Return observations (B, o) at mean 0 and standard deviation 1, clipped at 10.
+
+        Before the first update they are returned as they are.
+        """
+        count, mean, squares = self.moments
+        if count == 0:
             return observations
-        deviation = np.sqrt(self._squares / self._count) + 1e-8
-        return np.clip((observations - self._mean) / deviation, -10.0, 10.0)
-
-    def state(self) -> tuple[int, np.ndarray, np.ndarray]:
-        """Return a copy of count, mean and sum of squares."""
-        return self._count, self._mean.copy(), self._squares.copy()
-
-    def restore(self, state: tuple[int, np.ndarray, np.ndarray]) -> None:
-        """Put back what `state` returned."""
-        self._count, self._mean, self._squares = state[0], state[1].copy(), state[2].copy()
+        return np.clip((observations - mean) / (np.sqrt(squares / count) + 1e-8), -10.0, 10.0)
 
 
-def _views(flat: torch.Tensor, shapes: Sequence[tuple[int, ...]]) -> list[torch.Tensor]:
-    parts = flat.split([math.prod(shape) for shape in shapes])
-    return [part.view(shape) for part, shape in zip(parts, shapes, strict=True)]
-
-
-# Products and sums may be contracted to fused ones, as torch's own loops do.
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def _output_flow(
-    error: np.ndarray,
-    slope: np.ndarray,
-    flow: np.ndarray,
-    activation: np.ndarray,
-    targets: np.ndarray,
-    bias: np.ndarray,
-    row: np.ndarray,
-) -> None:
-    """From the last hidden layer's `activation` (B, width) and its product with `row` in `error`:
-    write V - G to `error` (B,), the loss's gradient at V to `slope` (B,), and the one at what
-    enters the activation to `flow` (B, width); tanh' = 1 - tanh^2."""
-    size, one = np.float32(len(error)), np.float32(1.0)
-    for i in range(len(error)):
-        error[i] = error[i] + bias[0] - targets[i]
-        slope[i] = error[i] / size
-        for j in range(len(row)):
-            y = activation[i, j]
-            flow[i, j] = slope[i] * row[j] * (one - y * y)
-
-
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def _through_tanh(flow: np.ndarray, activation: np.ndarray) -> None:
-    """Take the loss's gradient at the activation, `flow` (B, width), to what enters it."""
-    one = np.float32(1.0)
-    for i in range(len(flow)):
-        for j in range(flow.shape[1]):
-            y = activation[i, j]
-            flow[i, j] *= one - y * y
+def _layers(flat: torch.Tensor, sizes: Sequence[int]) -> list[tuple[torch.Tensor, torch.Tensor]]:
+    """Return each layer's matrix (below, width) and bias (width,), as views into one vector."""
+    parts = flat.split([(below + 1) * width for below, width in pairwise(sizes)])
+    layers = [part.view(-1, width) for part, width in zip(parts, sizes[1:], strict=True)]
+    return [(layer[:-1], layer[-1]) for layer in layers]

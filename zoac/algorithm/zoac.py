@@ -117,7 +117,7 @@ class Zoac(Tuner):
                 raise ConfigError("tuner.start=nominal: this task has no nominal parameters")
             self._theta = problem.nominal.copy()
         self._average = self._theta.copy()
-        self._adam = Adam(self._theta)
+        self._adam = Adam(dimension)
         self._iteration = self._skipped = 0
         self._worst_cost = 0.0
         self._pending: tuple[np.ndarray, np.ndarray] | None = None  # states and their targets
@@ -177,8 +177,7 @@ class Zoac(Tuner):
         }
 
     def _move(self, gradient: np.ndarray, step_size: float) -> None:
-        self._theta = self._theta.copy()
-        self._adam.descend(self._theta, gradient, step_size)
+        self._theta = self._adam.descend(self._theta, gradient, step_size)
         if self._project:
             self._theta = self._problem.space.clip(self._theta)
         self._average = self._decay * self._average + (1 - self._decay) * self._theta
@@ -189,7 +188,6 @@ class Zoac(Tuner):
             return
         states, targets = self._pending
         self._pending = None
-        self._critic.learn_scale(states)
         self._critic_loss = self._critic.fit(states, targets)
 
     def _finite(self, segments: Sequence[Segment]) -> list[Segment]:
@@ -223,7 +221,7 @@ class Zoac(Tuner):
             "critic_loss": self._critic_loss,
             "theta": self._theta.copy(),
             "average": self._average.copy(),
-            "adam": self._adam.state(),
+            "adam": self._adam.moments,
             "iteration": self._iteration,
             "skipped": self._skipped,
             "worst_cost": self._worst_cost,
@@ -237,7 +235,7 @@ class Zoac(Tuner):
         self._critic_loss = state["critic_loss"]
         self._pending = None
         self._theta, self._average = state["theta"].copy(), state["average"].copy()
-        self._adam.restore(state["adam"])
+        self._adam.moments = state["adam"]
         self._iteration, self._skipped = state["iteration"], state["skipped"]
         self._worst_cost = state["worst_cost"]
         self._directions = state["directions"].copy()
