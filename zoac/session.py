@@ -169,6 +169,12 @@ def execute(run: Run, folder: Path) -> dict[str, Any]:
             if not run.quiet:
                 print(f"{folder}: done already; resume=overwrite starts anew")
             return records.read_result(folder)
+        if run.doubts:
+            print(
+                f"{folder}: {'; '.join(run.doubts)}. So nobody can tell later whether another run "
+                "is this one, and its result is not returned for a second call",
+                file=sys.stderr,
+            )
         record = _run_record(run)
         _tell_what_differs(folder, record)
         log = RunLog(folder, record, run.sinks)

@@ -163,8 +163,9 @@ def test_a_task_object_with_other_attributes_is_another_run(tmp_path):
         zoac.tune(task=CountingTask(8), folder=tmp_path, **options)
 
 
-def test_a_result_is_not_returned_for_what_cannot_be_compared(tmp_path):
+def test_a_result_is_not_returned_for_what_cannot_be_compared(tmp_path, capsys):
     tune(env=Locked(), folder=tmp_path / "run")
+    assert "'door' is a lock, which cannot be compared. So nobody" in capsys.readouterr().err
     with pytest.raises(RunFolderError, match="cannot be told: env: attribute 'door' is a lock"):
         tune(env=Locked(), folder=tmp_path / "run")
     assert tune(env=Locked(), folder=tmp_path / "run", resume="overwrite").env_steps >= 400
