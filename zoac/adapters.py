@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
@@ -17,84 +16,10 @@ from zoac.errors import ConfigError
 from zoac.gymnasium_lanes import Bounds, GymnasiumLanes, copy_of, env_action
 from zoac.objective import Objective
 from zoac.parameters import Parameter, ParameterSpace, choice
-from zoac.task import Constraint, Controller, Diagnostics, Memory, Metric, Parameters, Task
+from zoac.task import Constraint, Controller, Metric, Task
+from zoac.user_controller import as_controller
 
 EnvSource = str | gymnasium.Env | Callable[[], gymnasium.Env]
-
-
-class ScalarController:
-    """`act(params, obs)` for one lane, as a `Controller`.
-
-    What has a method `act` may keep state in its attributes and begin an episode in `reset()`; it
-    is then copied before every call, so that lanes, saved states and branches stay apart.
-    """
-
-    def __init__(
-        self, controller: Any, fixed: Mapping[str, float], space: ParameterSpace | None = None
-    ) -> None:
-        """
-        Args:
-            controller: A function `act(params, obs)`, or an object with such a method, where
-                params is {name: number} and obs (o,); returns a number or an array (m,).
-            fixed: Parameters that are not tuned, handed on with the others.
-            space: Of the tuned ones, so that whole numbers come as int and options as such.
-        """
-        self._controller = controller
-        self._plain = {p.name: p.plain for p in space.parameters} if space is not None else {}
-        self._fixed = dict(fixed)
-        self._remembers = hasattr(controller, "act")
-
-    def init(self, n: int) -> Memory:
-        """Return one fresh controller a lane, if it may remember."""
-        if not self._remembers:
-            return {}
-        fresh = np.empty(n, dtype=object)
-        for lane in range(n):
-            fresh[lane] = copy.deepcopy(self._controller)
-            if hasattr(fresh[lane], "reset"):
-                fresh[lane].reset()
-        return {"controller": fresh}
-
-    def act(
-        self, params: Parameters, obs: np.ndarray, memory: Memory
-    ) -> tuple[np.ndarray, Memory, Diagnostics]:
-        """See `Controller.act`."""
-        following = np.empty(len(obs), dtype=object)
-        actions = []
-        for lane in range(len(obs)):
-            values = {
-                name: self._plain.get(name, float)(value[lane]) for name, value in params.items()
-            }
-            act = self._controller
-            if self._remembers:
-                following[lane] = copy.deepcopy(memory["controller"][lane])
-                act = following[lane].act
-            action = act({**values, **self._fixed}, obs[lane].copy())
-            actions.append(np.atleast_1d(np.asarray(action, dtype=np.float64)).reshape(-1))
-        return np.stack(actions), {"controller": following} if self._remembers else {}, {}
-
-
-class WithFixed:
-    """A batched `Controller` that gets parameters beside the tuned ones, alike in every lane."""
-
-    def __init__(self, controller: Controller, fixed: Mapping[str, float]) -> None:
-        """
-        Args:
-            controller: The controller.
-            fixed: What it gets, by name.
-        """
-        self._controller, self._fixed = controller, dict(fixed)
-
-    def init(self, n: int) -> Memory:
-        """See `Controller.init`."""
-        return self._controller.init(n)
-
-    def act(
-        self, params: Parameters, obs: np.ndarray, memory: Memory
-    ) -> tuple[np.ndarray, Memory, Diagnostics]:
-        """See `Controller.act`."""
-        fixed = {name: np.full(len(obs), value) for name, value in self._fixed.items()}
-        return self._controller.act({**params, **fixed}, obs, memory)
 
 
 class UserTask(Task):
@@ -118,7 +43,7 @@ class UserTask(Task):
         Args:
             env: A Gymnasium id, a function that makes an environment, or an environment, which is
                 then copied for every lane.
-            controller: A batched `Controller` (it has `init`), or see `ScalarController`.
+            controller: See `zoac.user_controller.as_controller`.
             space: What is tuned.
             fixed: Parameters that are not.
             start: Today's values, for comparison and as a start.
@@ -166,9 +91,7 @@ class UserTask(Task):
 
     def make_controller(self) -> Controller:
         """Return the user's controller."""
-        if hasattr(self._controller, "init") and hasattr(self._controller, "act"):
-            return WithFixed(self._controller, self.fixed) if self.fixed else self._controller
-        return ScalarController(self._controller, self.fixed, self.space)
+        return as_controller(self._controller, self.fixed, self.space)
 
     def env_action(self, action: np.ndarray) -> Any:
         """See `Task.env_action`."""
@@ -206,8 +129,7 @@ def user_task(
     Args:
         env: A Gymnasium id, a function (or class) that makes an environment, its dotted path, or
             an environment.
-        controller: `act(params, obs)`, an object with such a method, or the dotted path of one; a
-            class is called without arguments.
+        controller: See `zoac.user_controller.as_controller`; or the dotted path of such a thing.
         space: See `parse_space`.
         start: Today's values, beside those that `space` names.
         metrics: Reported beside the cost: `Metric`s, or functions of a segment, or their dotted
@@ -230,20 +152,13 @@ def user_task(
         env = locate(env, "env")
     if isinstance(controller, str):
         controller = locate(controller, "controller")
-    if inspect.isclass(controller):
-        controller = controller()
-    if not (callable(controller) or hasattr(controller, "act")):
-        raise ConfigError(
-            f"controller={controller!r}: expected a function act(params, obs) or an object with "
-            "a method of that name"
-        )
     parsed, fixed, starts = parse_space(space)
     if not isinstance(start, Mapping | None):
         raise ConfigError(f"start={start!r}: expected values by name, such as {{'kp': 1.0}}")
     starts = {**starts, **(start or {})}
     if starts:
         parsed.unit(starts)  # says what is wrong with a start value
-    return UserTask(
+    task = UserTask(
         env,
         controller,
         parsed,
@@ -256,6 +171,8 @@ def user_task(
         vary,
         objective,
     )
+    task.make_controller()  # says what is wrong with it
+    return task
 
 
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")

@@ -84,7 +84,8 @@ def _number(value: Any, what: str, step: int) -> float:
 
 def _refuse_conflict(cost: float, other: Any, step: int) -> None:
     try:
-        same = np.isclose(_number(other, "info", step), cost, rtol=1e-6, atol=1e-9, equal_nan=True)
+        number = _number(other, "info", step)
+        same = bool(np.isclose(number, cost, rtol=1e-6, atol=1e-9, equal_nan=True))
     except EnvironmentContractError:  # a dict of costs, say
         same = False
     if not same:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zoac.errors import ControllerError, EnvironmentFailure, UnsavableError, ZoacError, suggest
+from zoac.live_controller import LiveController, state_of
 from zoac.recording import Recording
 from zoac.seeding import stream_seed
 from zoac.segments import Proposal, Segment
@@ -127,6 +128,8 @@ class LaneGroup:
                     **record.cut(run.first_row, lane, self._observations[lane]),
                 )
                 self._needs_reset[lane] = ended or cut
+                if ended or cut:
+                    self._begin_controller(lane)
                 if run.resume is not None:
                     self._put_back(lane, run.resume)
                 elif proposals[run.index].seed is not None:
@@ -217,7 +220,18 @@ class LaneGroup:
         self._observations = self._observations.copy()
         self._observations[lane] = observations[lane]
         self._set_memory(lane, {k: v[lane] for k, v in self._initial_memory.items()})
+        self._begin_controller(lane)
         self._needs_reset[lane] = lane in self._not_begun
+
+    def _live(self, lane: int) -> dict[str, LiveController]:
+        """Return the controller objects of a lane that change in place, by the memory's name."""
+        rows = {name: value[lane] for name, value in self._initial_memory.items()}
+        return {name: row for name, row in rows.items() if isinstance(row, LiveController)}
+
+    def _begin_controller(self, lane: int) -> None:
+        """Have a controller object that changes in place begin an episode; see `LiveController`."""
+        for live in self._live(lane).values():
+            live.begin()
 
     def _set_memory(self, lane: int, row: Mapping[str, np.ndarray]) -> None:
         self._memory = _copied(self._memory)
@@ -255,14 +269,16 @@ class LaneGroup:
         lanes: np.ndarray,
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]:
         """Ask the controller; with a penalty, a lane whose controller fails acts with zero."""
-        try:
-            return self._checked_call(parameters, observations, memory, lanes)
-        except ControllerError as error:
-            told = self._priced(error, str(error))
-            if len(lanes) == 1:
-                self._failures[int(lanes[0])] = told
-                return np.zeros((1, *self._action_shape)), memory, {}
-        # Which lane it was is seen by asking one at a time.
+        # Which lane fails is seen by asking one at a time; twice only what cannot remember.
+        if len(lanes) == 1 or not self._live(0):
+            try:
+                return self._checked_call(parameters, observations, memory, lanes)
+            except ControllerError as error:
+                raised = error.__cause__ is not None
+                told = str(error) if raised and len(lanes) > 1 else self._priced(error, str(error))
+                if len(lanes) == 1:
+                    self._failures[int(lanes[0])] = told
+                    return np.zeros((1, *self._action_shape)), memory, {}
         parts = []
         for row in range(len(lanes)):
             one = slice(row, row + 1)
@@ -344,7 +360,7 @@ class LaneGroup:
         return {
             "env": self._env.state([lane]),
             "observation": self._observations[lane].copy(),
-            "memory": {name: _copied_row(value, lane) for name, value in self._memory.items()},
+            "memory": {name: state_of(rows[lane]) for name, rows in self._memory.items()},
             "steps": int(self._steps[lane]),
             "needs_reset": bool(self._needs_reset[lane]),
             "first_seed": self._first_seeds[lane],
@@ -355,10 +371,15 @@ class LaneGroup:
         self._env.restore([lane], snapshot["env"])
         self._observations = self._observations.copy()
         self._observations[lane] = snapshot["observation"]
-        memory = snapshot["memory"]
-        self._set_memory(
-            lane, {k: row.value if isinstance(row, OwnObject) else row for k, row in memory.items()}
-        )
+        row = dict(snapshot["memory"])
+        live = self._live(lane)
+        for name, value in row.items():
+            if name in live:
+                live[name].restore(value)
+                row[name] = live[name]
+            elif isinstance(value, OwnObject):
+                row[name] = value.value
+        self._set_memory(lane, row)
         self._steps[lane] = snapshot["steps"]
         self._needs_reset[lane] = snapshot["needs_reset"]
         self._first_seeds[lane] = snapshot["first_seed"]
@@ -377,7 +398,8 @@ class LaneGroup:
     def restore(self, state: Mapping[int, Any]) -> None:
         """Put back the lanes of `state` that belong to this group; others are left out."""
         for lane_id, row in self._row_of.items():
-            self._put_back(row, state[lane_id])
+            memory = deepcopy(state[lane_id]["memory"])
+            self._put_back(row, {**state[lane_id], "memory": memory})
 
     def close(self) -> None:
         """Release the environment."""
@@ -403,12 +425,6 @@ def _joined(
 
 def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: np.array(value) for name, value in arrays.items()}
-
-
-def _copied_row(rows: np.ndarray, lane: int) -> Any:
-    """Return a copy of a lane's row, such as a state can hold."""
-    row = deepcopy(rows[lane])
-    return OwnObject(row) if rows.dtype.hasobject else row
 
 
 def _scatter(rows: np.ndarray, lanes: np.ndarray, n: int) -> np.ndarray:

@@ -236,12 +236,16 @@ class Task(ABC):
     @cached_property
     def restore_fault(self) -> str | None:
         """Why a lane cannot be put back to where it stood; None: a trial showed that it can."""
-        return probe.restore_fault(self.make_env)
+        return probe.restore_fault(self.make_env) or probe.controller_fault(self)
 
     @cached_property
     def save_fault(self) -> str | None:
         """Why a lane cannot be saved and put back into another environment; None: it can."""
-        return self.restore_fault or probe.restore_fault(self.make_env, pickled=True)
+        return (
+            self.restore_fault
+            or probe.restore_fault(self.make_env, pickled=True)
+            or probe.controller_fault(self, pickled=True)
+        )
 
     @cached_property
     def horizon(self) -> probe.Horizon:

@@ -8,12 +8,13 @@ from gymnasium.wrappers import ClipAction, TimeLimit
 
 from tests.support import same_segment
 from zoac import gymnasium_lanes
-from zoac.adapters import ScalarController, UserTask, parse_space, user_task
+from zoac.adapters import UserTask, parse_space, user_task
 from zoac.errors import ConfigError, ControllerError, EnvironmentContractError
 from zoac.gymnasium_lanes import GymnasiumLanes, env_action
 from zoac.rollout import LaneGroup
 from zoac.segments import Proposal
 from zoac.task import Metric
+from zoac.user_controller import ScalarController
 
 
 class Drift(gymnasium.Env):

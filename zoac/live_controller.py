@@ -1,0 +1,67 @@
+"""A controller object that changes in place: one in each environment, saved where it must be."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+
+class LiveController:
+    """One environment's controller object, which changes in place.
+
+    An episode begins with its `reset()`; without that method, with a new object. Its state is
+    saved by `get_state()` and `set_state(state)` if it has both, else by a deep copy.
+    """
+
+    def __init__(self, make: Callable[[], Any]) -> None:
+        """
+        Args:
+            make: Makes the object.
+        """
+        self._make = make
+        self._object = make()
+        self._used, self._begins = False, True
+
+    def begin(self) -> None:
+        """Begin an episode with the next action."""
+        self._begins = True
+
+    def act(self, params: Mapping[str, Any], obs: np.ndarray) -> Any:
+        """Return the action of `act(params, obs)`."""
+        if self._begins:
+            if hasattr(self._object, "reset"):
+                self._object.reset()
+            elif self._used:
+                self._object = self._make()
+            self._used, self._begins = True, False
+        return self._object.act(params, obs)
+
+    def state(self) -> Any:
+        """Return a copy of the state; None: an episode begins."""
+        if self._begins:
+            return None
+        if self._has_protocol():
+            return [copy.deepcopy(self._object.get_state())]
+        return [copy.deepcopy(self._object)]
+
+    def restore(self, state: Any) -> None:
+        """Put back what `state` returned; it is not copied again."""
+        self._begins = state is None
+        if state is None:
+            return
+        self._used = True
+        if self._has_protocol():
+            self._object.set_state(*state)
+        else:
+            (self._object,) = state
+
+    def _has_protocol(self) -> bool:
+        return hasattr(self._object, "get_state") and hasattr(self._object, "set_state")
+
+
+def state_of(row: Any) -> Any:
+    """Return a copy of one environment's part of a controller's memory."""
+    return row.state() if isinstance(row, LiveController) else copy.deepcopy(row)
