@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zoac.errors import ZoacError
+from zoac.live_controller import live_in
 from zoac.output import reader_may_leave
 from zoac.probe import first_difference, played
 from zoac.rollout import LaneGroup
@@ -135,13 +136,26 @@ def hidden_state(task: Task) -> Found:
     controller = task.make_controller()
     parameters = {name: v[None] for name, v in zip(*_named(task, segments[0]), strict=True)}
     memory = controller.init(1)
+    live = live_in(memory)
+    for segment in segments[:2] if live else ():
+        if not np.array_equal(_replayed(task, segment, None, memory), segment.actions):
+            return False, "an earlier episode shows in its actions; begin anew in reset"
+        for one in live:
+            one.begin()
+    twice = not live or task.restore_fault is None  # else it cannot be asked twice in one state
     for observation in segments[0].observations[:-1]:
-        given = observation[None].copy(), _deep(memory)
-        first, following, _ = controller.act(parameters, *given)
-        if not np.array_equal(given[0][0], observation):
+        given = observation[None].copy()
+        states = [one.state() for one in live if twice]
+        first, following, _ = controller.act(parameters, given, memory if live else _deep(memory))
+        if not np.array_equal(given[0], observation):
             return False, "it changes the observation that it is given; copy it first"
-        second, _, _ = controller.act(parameters, observation[None].copy(), _deep(memory))
-        if not np.array_equal(first, second):
+        if twice:
+            for one, state in zip(live, states, strict=True):
+                one.restore(state)
+            second, _, _ = controller.act(
+                parameters, observation[None].copy(), memory if live else _deep(memory)
+            )
+        if twice and not np.array_equal(first, second):
             return False, (
                 "asked twice it answers twice: something outside its memory lasts. Make it an "
                 "object with act and reset that keeps state in its attributes"
@@ -231,13 +245,19 @@ def _named(task: Task, segment: Segment) -> tuple[tuple[str, ...], np.ndarray]:
     return task.space.names, task.space.values(segment.proposal.z)
 
 
-def _replayed(task: Task, segment: Segment, change: tuple[int, float] | None = None) -> np.ndarray:
-    """Return the actions (T, m) of a fresh controller on the observations of a segment.
+def _replayed(
+    task: Task,
+    segment: Segment,
+    change: tuple[int, float] | None = None,
+    memory: Memory | None = None,
+) -> np.ndarray:
+    """Return the actions (T, m) of a controller on the observations of a segment.
 
     Args:
         task: Gives the controller.
         segment: Whose observations and parameters.
         change: The index of a parameter and another value for it.
+        memory: The controller's at the start of the episode; None: a fresh one.
     """
     names, values = _named(task, segment)
     if change is not None:
@@ -245,7 +265,7 @@ def _replayed(task: Task, segment: Segment, change: tuple[int, float] | None = N
         values[change[0]] = change[1]
     parameters = {name: value[None] for name, value in zip(names, values, strict=True)}
     controller = task.make_controller()
-    memory, actions = controller.init(1), []
+    memory, actions = controller.init(1) if memory is None else memory, []
     for observation in segment.observations[:-1]:
         action, memory, _ = controller.act(parameters, observation[None].copy(), memory)
         actions.append(np.asarray(action, dtype=np.float64)[0])

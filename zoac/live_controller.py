@@ -52,14 +52,22 @@ class LiveController:
         self._begins = state is None
         if state is None:
             return
-        self._used = True
         if self._has_protocol():
+            if not self._used and hasattr(self._object, "reset"):
+                self._object.reset()
             self._object.set_state(*state)
         else:
             (self._object,) = state
+        self._used = True
 
     def _has_protocol(self) -> bool:
         return hasattr(self._object, "get_state") and hasattr(self._object, "set_state")
+
+
+def live_in(memory: Mapping[str, np.ndarray]) -> list[LiveController]:
+    """Return the controller objects in a memory, of all its environments."""
+    rows = (row for array in memory.values() if array.dtype == object for row in array)
+    return [row for row in rows if isinstance(row, LiveController)]
 
 
 def state_of(row: Any) -> Any:

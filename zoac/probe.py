@@ -1,4 +1,4 @@
-"""What a run finds out about an environment, by trying it, before it relies on it."""
+"""What a run finds out about environment and controller, by trying, before it relies on it."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from zoac.environment import LaneEnv
+from zoac.live_controller import live_in
 from zoac.rollout import LaneGroup
 from zoac.segments import Proposal
 from zoac.state import decode, encode
 
 if TYPE_CHECKING:
-    from zoac.task import Task
+    from zoac.task import Memory, Task
 
 STEPS = 20
 """Steps of the trial from a saved state, and again after the next reset."""
@@ -113,6 +114,58 @@ def horizon(task: Task) -> Horizon:
         group.close()
     longest = max(segments, key=lambda s: s.length)
     return Horizon(longest.length, "truncation" if longest.truncated else "termination")
+
+
+def controller_fault(task: Task, pickled: bool = False) -> str | None:
+    """Save a controller object in mid-episode, put it back, and compare how it goes on.
+
+    Args:
+        task: Gives the controller; one whose memory is arrays needs no trial.
+        pickled: The state goes through a pickle into another object, as a checkpoint does.
+
+    Returns:
+        What went wrong, for people to read; None: nothing.
+    """
+    controller = task.make_controller()
+    memory = controller.init(1)
+    if not live_in(memory):
+        return None
+    env = task.make_env(1)
+    shape = env.single_observation_space.shape or ()
+    env.close()
+    observations = np.random.default_rng(0).standard_normal((STEPS, 1, *shape))
+    values = task.space.values(np.zeros(task.space.dimension))
+    parameters = {name: v[None] for name, v in zip(task.space.names, values, strict=True)}
+
+    def shown(memory: Memory, first: int, end: int) -> list[bytes | str]:
+        try:
+            return [
+                np.asarray(controller.act(parameters, o.copy(), memory)[0]).tobytes()
+                for o in observations[first:end]
+            ]
+        except Exception as error:  # whatever a user's controller raises
+            return [f"{type(error).__name__}: {error}"]
+
+    shown(memory, 0, STEPS // 2)
+    try:
+        states = [live.state() for live in live_in(memory)]
+        if pickled:
+            states = cloudpickle.loads(cloudpickle.dumps(states))
+        expected = shown(memory, STEPS // 2, STEPS)
+        other = controller.init(1) if pickled else memory
+        for live, state in zip(live_in(other), states, strict=True):
+            live.restore(state)
+    except Exception as error:  # whatever a user's controller raises when it is copied
+        return (
+            f"saving the controller raised {type(error).__name__}: {error}; get_state() and "
+            "set_state(state) tell what of it lasts"
+        )
+    if shown(other, STEPS // 2, STEPS) == expected:
+        return None
+    return (
+        "the controller, put back to where it stood, goes on otherwise; get_state() and "
+        "set_state(state) tell what of it lasts"
+    )
 
 
 def _stand_in_mid_episode(env: LaneEnv, actions: np.ndarray) -> None:

@@ -11,6 +11,7 @@ import zoac
 from tests.core.test_adapters import Batched, Drift, Integrator
 from tests.support import same_segment
 from zoac.adapters import user_task
+from zoac.check import hidden_state
 from zoac.errors import ConfigError, ControllerError
 from zoac.rollout import LaneGroup
 from zoac.segments import Proposal
@@ -118,6 +119,8 @@ def test_an_object_is_copied_once_an_environment_and_at_snapshots_in_mid_episode
     Counting.copies = 0
     lanes = group(Counting())
     assert Counting.copies == 2
+    assert lanes._task.restore_fault is None  # the trial makes and saves one of its own
+    Counting.copies = 2
     lanes.rollout(plan(0, 1) * 3)
     lanes.rollout(plan(0, 1, seed=3))
     assert Counting.copies == 2  # a lane that begins an episode has nothing to save
@@ -127,8 +130,9 @@ def test_an_object_is_copied_once_an_environment_and_at_snapshots_in_mid_episode
 
 
 def test_the_protocol_is_used_instead_of_copies():
-    Protocol.saved = 0
     lanes = group(Protocol)
+    assert lanes._task.restore_fault is None
+    Protocol.saved = 0
     lanes.rollout(plan(0, 1, horizon=2))
     lanes.rollout(plan(0, 1, horizon=2, branch=True))
     assert Protocol.saved == 2
@@ -265,3 +269,81 @@ def test_a_maker_of_a_function_and_functions_of_any_signature_are_understood():
     for form in (closure, lambda *a: -a[0]["k"] * a[1][0], lambda p, o, t=0.0: -p["k"] * o[0]):
         for one, other in zip(group(form).rollout(plan(0, 1)), expected, strict=True):
             assert same_segment(one, other)
+
+
+class Shared(Integrator):
+    """Its copies share what lasts."""
+
+    def __init__(self):
+        self.box = []
+
+    def __deepcopy__(self, memo):
+        twin = type(self)()
+        twin.box = self.box
+        return twin
+
+    def reset(self):
+        self.box[:] = [0.0]
+
+    def act(self, params, obs):
+        self.box[0] += obs[0]
+        return -params["k"] * self.box[0]
+
+
+class Lazy(Integrator):
+    """Cannot be copied once it has acted."""
+
+    def act(self, params, obs):
+        self.lock = threading.Lock()
+        return super().act(params, obs)
+
+
+class Partly(Integrator):
+    """Says less than what lasts."""
+
+    def get_state(self):
+        return None
+
+    def set_state(self, state):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("form", "fault"),
+    [
+        (Integrator(), None), (Forgetful, None), (Protocol, None), (Recipe, None),
+        (lambda params, obs: 0.0, None), (Shared, "goes on otherwise"),
+        (Partly, "goes on otherwise"), (Locked, "saving the controller raised TypeError"),
+        (Lazy, "saving the controller raised TypeError"),
+    ],
+)  # fmt: skip
+def test_a_controller_is_relied_on_only_after_a_trial(form, fault, capsys):
+    task = user_task(env=Drift, controller=form, space={"k": (0.0, 1.0)}, max_episode_steps=9)
+    found = task.restore_fault
+    assert found is None if fault is None else fault in found and "get_state() and set_" in found
+    assert (task.save_fault is None) == (fault is None)
+    if fault is not None:
+        assert tune(form, tuner="zoac_plus").env_steps >= 400
+        assert fault in capsys.readouterr().err
+
+
+class Leaky(Integrator):
+    """Its reset forgets to forget."""
+
+    total = 0.0
+
+    def reset(self):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("form", "text"),
+    [
+        (Integrator, "nothing lasts but its memory"), (Protocol, "nothing lasts but its memory"),
+        (Forgetful(), "nothing lasts but its memory"), (Locked, "nothing lasts but its memory"),
+        (Leaky, "an earlier episode shows in its actions; begin anew in reset"),
+    ],
+)  # fmt: skip
+def test_the_check_sees_what_an_episode_leaves_to_the_next(form, text):
+    task = user_task(env=Drift, controller=form, space={"k": (0.0, 1.0)}, max_episode_steps=9)
+    assert hidden_state(task)[1] == text
