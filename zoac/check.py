@@ -138,7 +138,7 @@ def hidden_state(task: Task) -> Found:
     memory = controller.init(1)
     live = live_in(memory)
     for segment in segments[:2] if live else ():
-        if not np.array_equal(_replayed(task, segment, None, memory), segment.actions):
+        if not np.array_equal(_replayed(task, segment, None, memory), segment.commands):
             return False, "an earlier episode shows in its actions; begin anew in reset"
         for one in live:
             one.begin()

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from zoac.state import OwnObject
+
 
 class LiveController:
     """One environment's controller object, which changes in place.
@@ -39,15 +41,14 @@ class LiveController:
             self._used, self._begins = True, False
         return self._object.act(params, obs)
 
-    def state(self) -> Any:
+    def state(self) -> OwnObject | None:
         """Return a copy of the state; None: an episode begins."""
         if self._begins:
             return None
-        if self._has_protocol():
-            return [copy.deepcopy(self._object.get_state())]
-        return [copy.deepcopy(self._object)]
+        lasts = self._object.get_state() if self._has_protocol() else self._object
+        return OwnObject(copy.deepcopy(lasts))
 
-    def restore(self, state: Any) -> None:
+    def restore(self, state: OwnObject | None) -> None:
         """Put back what `state` returned; it is not copied again."""
         self._begins = state is None
         if state is None:
@@ -55,9 +56,9 @@ class LiveController:
         if self._has_protocol():
             if not self._used and hasattr(self._object, "reset"):
                 self._object.reset()
-            self._object.set_state(*state)
+            self._object.set_state(state.value)
         else:
-            (self._object,) = state
+            self._object = state.value
         self._used = True
 
     def _has_protocol(self) -> bool:
@@ -71,5 +72,8 @@ def live_in(memory: Mapping[str, np.ndarray]) -> list[LiveController]:
 
 
 def state_of(row: Any) -> Any:
-    """Return a copy of one environment's part of a controller's memory."""
-    return row.state() if isinstance(row, LiveController) else copy.deepcopy(row)
+    """Return a copy of an environment's part of a memory, such as a state can hold."""
+    if isinstance(row, LiveController):
+        return row.state()
+    plain = isinstance(row, np.ndarray | np.generic) and not row.dtype.hasobject
+    return copy.deepcopy(row) if plain else OwnObject(copy.deepcopy(row))

@@ -150,7 +150,7 @@ def controller_fault(task: Task, pickled: bool = False) -> str | None:
     try:
         states = [live.state() for live in live_in(memory)]
         if pickled:
-            states = cloudpickle.loads(cloudpickle.dumps(states))
+            states = decode(encode(states))
         expected = shown(memory, STEPS // 2, STEPS)
         other = controller.init(1) if pickled else memory
         for live, state in zip(live_in(other), states, strict=True):
