@@ -10,9 +10,10 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.vector import VectorEnv
 
 from zoac.checks import locate
-from zoac.errors import ConfigError
+from zoac.errors import ConfigError, ZoacError
 from zoac.gymnasium_lanes import Bounds, GymnasiumLanes, copy_of, env_action
 from zoac.objective import Objective
 from zoac.parameters import Parameter, ParameterSpace, choice
@@ -83,11 +84,7 @@ class UserTask(Task):
         )
 
     def _one_env(self) -> gymnasium.Env:
-        if isinstance(self._env, str):
-            return gymnasium.make(self._env)
-        if isinstance(self._env, gymnasium.Env):
-            return copy_of(self._env)
-        return self._env()
+        return single_env(self._env)
 
     def make_controller(self) -> Controller:
         """Return the user's controller."""
@@ -109,6 +106,36 @@ class UserTask(Task):
         other._plant = {**self._plant, **plant}
         other._vary = {k: v for k, v in self._vary.items() if k not in plant}
         return other
+
+
+def single_env(source: EnvSource) -> gymnasium.Env:
+    """Return an environment of its own from what a user gives.
+
+    Raises:
+        ConfigError: If it cannot be made, or is no `gymnasium.Env`.
+    """
+    if isinstance(source, gymnasium.Env):
+        return copy_of(source)
+    made: Any = source
+    if isinstance(source, str) or (callable(source) and not isinstance(source, VectorEnv)):
+        try:
+            made = gymnasium.make(source) if isinstance(source, str) else source()
+        except ZoacError:
+            raise
+        except Exception as error:  # whatever a user's constructor raises
+            raise ConfigError(
+                f"env={source!r}: making it raised {type(error).__name__}: {error}; expected the "
+                "id of a Gymnasium environment, or a function without arguments that makes one"
+            ) from error
+    if isinstance(made, gymnasium.Env):
+        return made
+    remedy = "an environment of the old Gym must be wrapped"
+    if isinstance(made, VectorEnv):
+        remedy = "give a single environment, of which as many are made as are needed"
+    raise ConfigError(
+        f"env={source!r}: {'it is' if made is source else 'it makes'} {made!r}, expected a "
+        f"gymnasium.Env; {remedy}"
+    )
 
 
 def user_task(
@@ -223,11 +250,11 @@ def parse_space(
     fixed: dict[str, float] = {}
     start: dict[str, Any] = {}
     for name, entry in space.items():
-        where = f"space[{name!r}]"
-        if isinstance(entry, (int, float, np.number)):
+        where, entry = f"space[{name!r}]", _plain(entry)
+        if isinstance(entry, (int, float)):
             fixed[name] = float(entry)
         elif isinstance(entry, Mapping):
-            fields = dict(entry)
+            fields = {key: _plain(value) for key, value in entry.items()}
             if "start" in fields:
                 given = fields.pop("start")
                 start[name] = given if "choices" in fields else _number(given, f"{where}.start")
@@ -238,12 +265,18 @@ def parse_space(
                     f"{where}={entry!r}: expected at most {', '.join(_FIELDS)}; a start value goes "
                     f"into a dict, such as {{'low': 0, 'high': 5, 'start': 1}}"
                 )
-            parameters.append(_parameter(name, dict(zip(_FIELDS, entry, strict=False))))
+            values = [_plain(value) for value in entry]
+            parameters.append(_parameter(name, dict(zip(_FIELDS, values, strict=False))))
         else:
             raise ConfigError(
                 f"{where}={entry!r}: expected (low, high), (low, high, 'log'), a dict or a number"
             )
     return ParameterSpace(parameters), fixed, start
+
+
+def _plain(value: Any) -> Any:
+    """Return a NumPy array or number as a list or a number of Python's."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 _FIELDS = ("low", "high", "scale", "unit")

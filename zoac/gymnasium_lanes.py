@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -61,6 +62,7 @@ class GymnasiumLanes(LaneEnv):
                 attribute.
         """
         first = envs[0]
+        _check_reset(first)
         if not isinstance(first.observation_space, Box):
             raise ConfigError(
                 f"the environment's observations are {first.observation_space}; expected a Box "
@@ -80,7 +82,7 @@ class GymnasiumLanes(LaneEnv):
         limit = max_episode_steps or _own_limit(first)
         super().__init__(len(envs), observations, actions, limit or LONGEST_EPISODE)
         self.limited = limit is not None
-        self.remarks = tuple(_drifting(first))
+        self.remarks = (*_drifting(first), *_flattened(first))
         self._envs = list(envs)
         self._taken = _taken(first)
         self._make, self._objective = make, Objective(objective)
@@ -126,7 +128,8 @@ class GymnasiumLanes(LaneEnv):
             _set_plant(self._envs[lane], self._plant | drawn)
             self._steps[lane] = 0
             try:
-                result = self._call(lane, "reset", seed=short, options=options or None)
+                told = {"options": options} if options else {}
+                result = self._call(lane, "reset", seed=short, **told)
                 observation, _ = _parts(result, "reset", ("observation", "info"))
                 _check_plant(self._envs[lane], self._plant | drawn)
                 self._see(lane, observation)
@@ -192,7 +195,13 @@ class GymnasiumLanes(LaneEnv):
             ) from error
 
     def _see(self, lane: int, observation: Any) -> None:
-        flat = np.asarray(observation, dtype=np.float64).reshape(-1)
+        try:
+            flat = np.asarray(observation, dtype=np.float64).reshape(-1)
+        except (TypeError, ValueError):
+            raise EnvironmentContractError(
+                f"the environment returned the observation {observation!r}, expected "
+                f"{self._seen.shape[1]} numbers as its observation_space says"
+            ) from None
         if flat.shape != self._seen[lane].shape:
             raise EnvironmentContractError(
                 f"the environment returned an observation of {flat.size} numbers, expected "
@@ -237,13 +246,15 @@ def env_action(space: gymnasium.Space, action: np.ndarray) -> Any:
 
     Args:
         space: Its action space: Discrete, where the nearest action counts, or Box, whose bounds
-            clip.
+            clip; of whole numbers the nearest counts.
         action: What the controller returned.
     """
     if isinstance(space, Discrete):
         return int(space.start + np.clip(round(float(action[0])) - space.start, 0, space.n - 1))
     assert isinstance(space, Box)
-    return np.clip(action.reshape(space.shape), space.low, space.high).astype(space.dtype)
+    whole = np.issubdtype(space.dtype, np.integer)
+    action = (np.rint(action) if whole else action).reshape(space.shape)
+    return np.clip(action, space.low, space.high).astype(space.dtype)
 
 
 def _taken(env: gymnasium.Env) -> gymnasium.Space:
@@ -285,6 +296,36 @@ def copy_of(env: gymnasium.Env) -> gymnasium.Env:
                 f"{value!r}; {remedy}"
             )
     return twin
+
+
+def _check_reset(env: gymnasium.Env) -> None:
+    """See that an environment and its wrappers can be reset with a seed.
+
+    Raises:
+        ConfigError: If one cannot.
+    """
+    layer: Any = env
+    while layer is not None:
+        try:
+            inspect.signature(layer.reset).bind(seed=0)
+        except ValueError:  # nothing tells its arguments
+            pass
+        except TypeError:
+            raise ConfigError(
+                f"{type(layer).__name__}.reset{inspect.signature(layer.reset)} takes no seed, "
+                "without which no episode can be repeated; expected reset(self, *, seed=None, "
+                "options=None), which calls super().reset(seed=seed) and draws from self.np_random"
+            ) from None
+        layer = layer.env if isinstance(layer, gymnasium.Wrapper) else None
+
+
+def _flattened(env: gymnasium.Env) -> Iterator[str]:
+    """Yield a remark for each space whose numbers are put in a row."""
+    spaces = (("observations", env.observation_space), ("actions", env.action_space))
+    for what, space in spaces:
+        if isinstance(space, Box) and len(space.shape) > 1:
+            size = int(np.prod(space.shape))
+            yield f"{what} of shape {space.shape} are {size} numbers to the controller, row by row"
 
 
 def _drifting(env: gymnasium.Env) -> Iterator[str]:

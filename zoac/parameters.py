@@ -252,7 +252,10 @@ class ParameterSpace:
                 raise ConfigError(f"unknown parameter {name!r}; {suggest(name, self.names)}")
         missing = [name for name in self.names if name not in parameters]
         if missing:
-            raise ConfigError(f"no value for parameter(s) {', '.join(missing)}")
+            raise ConfigError(
+                f"no value for parameter(s) {', '.join(missing)}; values are needed for all of "
+                f"{', '.join(self.names)}"
+            )
         given = (self._numbers(p, parameters[p.name]) for p in self.parameters)
         values = np.stack(np.broadcast_arrays(*given), axis=-1)
         for i, p in enumerate(self.parameters):

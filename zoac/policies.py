@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
 
-from zoac.adapters import EnvSource
+from zoac.adapters import EnvSource, single_env
 from zoac.errors import ConfigError
 
 Space = dict[str, tuple[float, float]]
@@ -75,11 +75,9 @@ def neural(env: EnvSource, hidden: int = 8, bound: float = 1.0) -> tuple[Act, Sp
 
 
 def _spaces(env: EnvSource) -> tuple[Box, Box | Discrete]:
-    if isinstance(env, gymnasium.Env):
-        observation, action = env.observation_space, env.action_space
-    else:
-        made = gymnasium.make(env) if isinstance(env, str) else env()
-        observation, action = made.observation_space, made.action_space
+    made = env if isinstance(env, gymnasium.Env) else single_env(env)
+    observation, action = made.observation_space, made.action_space
+    if made is not env:
         made.close()
     if not isinstance(observation, Box) or not isinstance(action, (Box, Discrete)):
         raise ConfigError(

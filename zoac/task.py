@@ -13,7 +13,7 @@ import numpy as np
 
 from zoac import probe
 from zoac.environment import LaneEnv
-from zoac.errors import ConfigError, suggest
+from zoac.errors import ConfigError, ZoacError, suggest
 from zoac.numbers import is_number
 from zoac.parameters import ParameterSpace
 from zoac.records import CLOCKS
@@ -92,9 +92,19 @@ class _Quantity:
         """Return one number per step, (T,).
 
         Raises:
-            ConfigError: If `per_step` returns anything else.
+            ConfigError: If `per_step` raises, or returns anything else.
         """
-        values = np.asarray(self.per_step(segment))
+        try:
+            values = np.asarray(self.per_step(segment))
+        except ZoacError:
+            raise
+        except Exception as error:  # whatever a user's function raises
+            diagnostics = ", ".join(segment.diagnostics) or "none"
+            raise ConfigError(
+                f"{self._what()} {self.name!r} raised {type(error).__name__}: {error}; a segment "
+                f"has observations {segment.observations.shape}, actions {segment.actions.shape}, "
+                f"costs {segment.costs.shape}, and diagnostics: {diagnostics}"
+            ) from error
         if values.shape != (segment.length,) or values.dtype.kind not in "biuf":
             raise ConfigError(
                 f"{self._what()} {self.name!r} returned {values.dtype} of shape {values.shape}, "

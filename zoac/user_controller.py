@@ -147,6 +147,8 @@ class ScalarController:
             }
             act = memory["controller"][lane].act if self._remembers else self._controller
             action = act({**values, **self._fixed}, obs[lane].copy())
+            if action is None:
+                raise TypeError("act returned None, expected a number or an array")
             actions.append(np.atleast_1d(np.asarray(action, dtype=np.float64)).reshape(-1))
         return np.stack(actions), memory, {}
 
