@@ -1,4 +1,4 @@
-"""The structured solver: exact, batched over lanes, microseconds a problem (`docs/solver.md`)."""
+"""`mpc_solver=riccati`: the structured solver of `zoac.mpc.riccati` (`docs/solver.md`)."""
 
 from __future__ import annotations
 
@@ -7,20 +7,14 @@ from functools import lru_cache
 import numpy as np
 
 from zoac.errors import ConfigError
-from zoac.mpc.solvers._riccati_kernel import solve_lanes
+from zoac.mpc.riccati import Pattern, pattern, solve_about
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Sparsity
 from zoac.numbers import Count
 
-_VECTOR = 4  # a row is a whole number of these
-
 
 @lru_cache(maxsize=32)
-def _pattern(sparsity: Sparsity | None, nx: int, nu: int) -> tuple[tuple[int | None, ...], ...]:
-    """Return [A B]'s rows, None where an entry is always zero: compiled code knows it as a type."""
-    if sparsity is None:
-        return ((0,) * (nx + nu),) * nx
-    rows = np.hstack([sparsity.a, sparsity.b]).tolist()
-    return tuple(tuple(0 if entry else None for entry in row) for row in rows)
+def _pattern(sparsity: Sparsity) -> Pattern:
+    return pattern(np.hstack([sparsity.a, sparsity.b]))
 
 
 class Riccati:
@@ -48,13 +42,7 @@ class Riccati:
         self.max_active_set_steps = max_active_set_steps
 
     def solve(self, problem: LinearisedProblem, careful: bool = False) -> Solution:
-        """Solve the n problems.
-
-        Status SOLVED means that the plan was certified: with the objective's gradient g, computed
-        anew by the adjoint equation, every |u - clip(u - g / d)| is below 1e-7 of that input's
-        range, d being the curvature in that input when all later ones respond; or below 1e-9,
-        d being the curvature when none does. A lane whose data are not finite, or that fails
-        numerically, keeps the rollout's inputs.
+        """Solve the n problems; see `zoac.mpc.riccati.solve_about` for what is promised.
 
         Args:
             problem: What to solve. Input bounds may be infinite, or equal to pin an input.
@@ -63,28 +51,22 @@ class Riccati:
         Raises:
             ConfigError: If a bound is NaN or the lower bound of an input exceeds the upper.
         """
-        lanes, horizon, nx, nu = problem.b.shape
-        width = -(-(nx + nu) // _VECTOR) * _VECTOR
-        plans = np.empty((lanes, horizon, nu))
-        status = np.empty(lanes, np.int8)
-        iterations = np.empty(lanes, np.int64)
-        data = (
-            problem.states,
-            problem.inputs,
-            problem.a,
-            problem.b,
-            problem.reference,
-            problem.state_weights,
-            problem.input_weights,
-        )
-        sizes = ((0,) * nx, (0,) * nu, (0,) * width, _pattern(problem.sparsity, nx, nu))
-        ordered = solve_lanes(
-            data, problem.input_low, problem.input_high, sizes, careful, self.sweeps,
-            self.max_active_set_steps, plans, status, iterations,
-        )  # fmt: skip
-        if not ordered:
-            raise ConfigError(
-                "input bounds must be numbers in order, got "
-                f"low {problem.input_low.tolist()}, high {problem.input_high.tolist()}"
+        try:
+            found = solve_about(
+                problem.states,
+                problem.inputs,
+                problem.a,
+                problem.b,
+                problem.reference,
+                problem.state_weights,
+                problem.input_weights,
+                problem.input_low,
+                problem.input_high,
+                nonzero=None if problem.sparsity is None else _pattern(problem.sparsity),
+                careful=careful,
+                sweeps=self.sweeps,
+                max_active_set_steps=self.max_active_set_steps,
             )
-        return Solution(plans, status, iterations)
+        except ValueError as error:
+            raise ConfigError(str(error)) from None
+        return Solution(*found)

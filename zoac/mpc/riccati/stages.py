@@ -1,6 +1,6 @@
 """One stage of the clipped sweeps and of the certificate, for eight lanes in step.
 
-Each lane's arithmetic is that of `_riccati_sweeps`, operation by operation, so that the bits are
+Each lane's arithmetic is that of `sweeps`, operation by operation, so that the bits are
 the same; what those would multiply by zero, or would not read, is left out.
 """
 
@@ -13,8 +13,8 @@ import numpy as np
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from zoac.mpc.solvers._riccati_entries import Dynamics, Emitter, sizes, small
-from zoac.mpc.solvers._riccati_sweeps import FREE, HIGH, HYSTERESIS, LOW, PINNED
+from .entries import Dynamics, Emitter, sizes, small
+from .sweeps import FREE, HIGH, HYSTERESIS, LOW, PINNED
 
 
 def _stage(write: Callable[[Emitter, list[Any], Any], None]) -> Any:
@@ -35,7 +35,7 @@ def _stage(write: Callable[[Emitter, list[Any], Any], None]) -> Any:
 
 @_stage
 def eliminate(emit: Emitter, at: list[Any], pattern: Any) -> None:
-    """`_riccati_sweeps._eliminate`: `value` of stage k + 1 to that of k."""
+    """`sweeps._eliminate`: `value` of stage k + 1 to that of k."""
     builder = emit.builder
     nx, nu, rows = sizes(pattern)
     value, product, dynamics, weight, gains, inverse, side, good = at
@@ -73,7 +73,7 @@ def eliminate(emit: Emitter, at: list[Any], pattern: Any) -> None:
 
 
 def _stage_gradient(emit: Emitter, at: list[Any], pattern: Any) -> list[Any]:
-    """`_riccati_sweeps._stage_gradient`, the gradient of the stage's own cost included."""
+    """`sweeps._stage_gradient`, the gradient of the stage's own cost included."""
     nx, _, rows = sizes(pattern)
     gradient, dynamics, weight, offset, point = at
     both = Dynamics(emit, dynamics, pattern)
@@ -87,7 +87,7 @@ def _stage_gradient(emit: Emitter, at: list[Any], pattern: Any) -> list[Any]:
 
 @_stage
 def pull(emit: Emitter, at: list[Any], pattern: Any) -> None:
-    """The linear part of `_riccati_sweeps.backward` for one stage."""
+    """The linear part of `sweeps.backward` for one stage."""
     builder = emit.builder
     nx, nu, rows = sizes(pattern)
     gradient, gains, inverse, side, pull = at[0], *at[5:]
@@ -105,7 +105,7 @@ def pull(emit: Emitter, at: list[Any], pattern: Any) -> None:
 
 @_stage
 def advance(emit: Emitter, at: list[Any], pattern: Any) -> None:
-    """`_riccati_sweeps.forward_clipped` for one stage, whose state is `ahead`; the new row of the
+    """`sweeps.forward_clipped` for one stage, whose state is `ahead`; the new row of the
     point takes the place of the old one."""
     builder = emit.builder
     nx, nu, rows = sizes(pattern)
@@ -160,7 +160,7 @@ def _new_side(emit: Emitter, before: Any, wish: Any, low: Any, high: Any) -> Any
 
 @_stage
 def certify(emit: Emitter, at: list[Any], pattern: Any) -> None:
-    """`_riccati_sweeps.optimality_error` for one stage."""
+    """`sweeps.optimality_error` for one stage."""
     builder = emit.builder
     nx, nu, _ = sizes(pattern)
     gradient, offset, point, inverse, bounds, good, worst = at[0], *at[3:]

@@ -1,4 +1,4 @@
-"""Entries of eight numbers, one a lane, each an LLVM vector: what `_riccati_stages` is made of.
+"""Entries of eight numbers, one a lane, each an LLVM vector: what `stages` is made of.
 
 Offsets count entries. A lane is one of eight problems solved in step.
 """
@@ -11,7 +11,7 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from zoac.mpc.solvers._riccati_rows import fused
+from .rows import fused
 
 LANES = 8
 LARGEST = 12
@@ -35,18 +35,23 @@ class Emitter:
         return self.builder.bitcast(self.builder.gep(self._data, [at]), _ENTRY.as_pointer())
 
     def load(self, offset: Any, index: int = 0) -> Any:
+        """Read entry offset + index."""
         return self.builder.load(self._pointer(offset, index), align=8)
 
     def store(self, value: Any, offset: Any, index: int = 0) -> None:
+        """Write entry offset + index."""
         self.builder.store(value, self._pointer(offset, index), align=8)
 
     def row(self, offset: Any, first: int, count: int) -> list[Any]:
+        """Read `count` entries from offset + first on."""
         return [self.load(offset, first + i) for i in range(count)]
 
     def constant(self, number: float) -> Any:
+        """Return an entry of eight times the same number."""
         return ir.Constant(_ENTRY, [number] * LANES)
 
     def fused(self, x: Any, y: Any, z: Any) -> Any:
+        """Return x y + z, rounded once."""
         return fused(self.builder, _ENTRY, x, y, z)
 
     def chain(self, left: list[Any], right: list[Any], start: Any = None) -> Any:
@@ -59,20 +64,24 @@ class Emitter:
         return self.constant(0.0) if total is None else total
 
     def dot(self, left: list[Any], right: list[Any]) -> Any:
-        """The same sum as `_riccati_rows.dot`: even and odd terms apart."""
+        """The same sum as `rows.dot`: even and odd terms apart."""
         even, odd = (self.chain(left[first::2], right[first::2]) for first in (0, 1))
         return self.builder.fadd(even, odd)
 
     def lesser(self, x: Any, y: Any) -> Any:
+        """Return x where it is less, else y."""
         return self.builder.select(self.builder.fcmp_ordered("<", x, y), x, y)
 
     def greater(self, x: Any, y: Any) -> Any:
+        """Return x where it is greater, else y."""
         return self.builder.select(self.builder.fcmp_ordered(">", x, y), x, y)
 
     def where(self, condition: Any, x: Any, y: Any) -> Any:
+        """Return x where `condition` holds, else y."""
         return self.builder.select(condition, x, y)
 
     def is_side(self, side: Any, which: float) -> Any:
+        """Return whether inputs are on side `which`."""
         return self.builder.fcmp_ordered("==", side, self.constant(which))
 
     def keep_where(self, condition: Any, offset: Any) -> None:
@@ -89,13 +98,16 @@ class Dynamics:
         self._has = [[kind != types.none for kind in row] for row in pattern]
 
     def entry(self, i: int, j: int) -> Any:
+        """Return entry (i, j), None where it is always zero."""
         rows = len(self._has[0])
         return self._emit.load(self._offset, i * rows + j) if self._has[i][j] else None
 
     def column(self, j: int) -> list[Any]:
+        """Return the entries of column j."""
         return [self.entry(i, j) for i in range(len(self._has))]
 
     def row(self, i: int) -> list[Any]:
+        """Return the entries of row i."""
         return [self.entry(i, j) for j in range(len(self._has[0]))]
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zoac.mpc.solvers._riccati_rows import add_row, dot, inlined, kernel, multiply, weigh
+from .rows import add_row, dot, inlined, kernel, multiply, weigh
 
 # Sides of an input, stored with the numbers.
 LOW, FREE, HIGH, PINNED = -1.0, 0.0, 1.0, 2.0  # PINNED: both bounds are the same number
@@ -145,7 +145,7 @@ def _eliminate(lane: np.ndarray, at: Layout, k: int) -> bool:
 
 
 @inlined
-def _begin_gradient(lane: np.ndarray, at: Layout) -> None:
+def begin_gradient(lane: np.ndarray, at: Layout) -> None:
     """What each stage itself adds to the gradient at the current point; `gradient` is the last."""
     n, _, _, width = shape(at)
     for k in range(n + 1):
@@ -159,7 +159,7 @@ def _begin_gradient(lane: np.ndarray, at: Layout) -> None:
 
 
 @inlined
-def _stage_gradient(lane: np.ndarray, at: Layout, k: int) -> None:
+def stage_gradient(lane: np.ndarray, at: Layout, k: int) -> None:
     """`gradient` in [z_k, w_k] from that of k + 1; its first part is the costate."""
     _, nx, _, width = shape(at)
     multiply(
@@ -177,11 +177,11 @@ def backward(lane: np.ndarray, at: Layout, last: int) -> bool:
     """
     n, nx, nu, width = shape(at)
     convex = True
-    _begin_gradient(lane, at)
+    begin_gradient(lane, at)
     for k in range(n - 1, -1, -1):
         if k <= last:
             convex = _eliminate(lane, at, k) and convex
-        _stage_gradient(lane, at, k)
+        stage_gradient(lane, at, k)
         for j in range(nu - 1, -1, -1):
             m = k * nu + j
             pull = lane[at.gradient + nx + j]
@@ -284,34 +284,3 @@ def move(lane: np.ndarray, at: Layout, fraction: float) -> None:
     _, _, _, width = shape(at)
     for i in range((at.n + 1) * width):
         lane[at.point + i] += fraction * (lane[at.trial + i] - lane[at.point + i])
-
-
-@kernel
-def optimality_error(lane: np.ndarray, at: Layout) -> float:
-    """Largest |w - clip(w - g / d)| relative to the input's range; `newton` = g / d.
-
-    g is the objective's gradient at the current point, by the adjoint equation: neither the
-    gains nor the sides enter it, so the error certifies the point by itself. d is the value's
-    curvature in the input. A gradient that is not finite gives inf.
-    """
-    n, nx, nu, width = shape(at)
-    worst = 0.0
-    _begin_gradient(lane, at)
-    for k in range(n - 1, -1, -1):
-        _stage_gradient(lane, at, k)
-        for j in range(nu):
-            m = k * nu + j
-            value, low, high = (
-                lane[at.point + k * width + nx + j],
-                lane[at.low + m],
-                lane[at.high + m],
-            )
-            newton = lane[at.gradient + nx + j] * lane[at.inverse + m]
-            lane[at.newton + m] = newton
-            if not abs(newton) < np.inf:
-                return np.inf
-            error = abs(value - min(max(value - newton, low), high))
-            scale = high - low if 0.0 < high - low < np.inf else 1.0
-            if error > worst * scale:
-                worst = error / scale
-    return worst

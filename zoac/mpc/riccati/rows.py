@@ -2,7 +2,7 @@
 
 numba leaves loops over a few numbers scalar, because it cannot prove that its arrays do not
 overlap; one row written as one LLVM vector is six to eight times as fast for six states and two
-inputs (`docs/solver.md`). The compiler splits a row into whatever the processor has, and fused
+inputs. The compiler splits a row into whatever the processor has, and fused
 multiply-add is exactly specified, so the bits do not depend on the processor.
 
 All offsets count elements; `count` and `width` are tuples whose lengths are the sizes, which

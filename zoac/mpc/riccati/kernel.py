@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import hashlib
 from pathlib import Path
 from typing import Any
@@ -9,18 +10,8 @@ from typing import Any
 import numpy as np
 from numba import literal_unroll, njit
 
-from zoac.mpc.solvers import (
-    _riccati_active_set,
-    _riccati_batch,
-    _riccati_entries,
-    _riccati_interior,
-    _riccati_rows,
-    _riccati_stages,
-    _riccati_sweeps,
-    base,
-)
-from zoac.mpc.solvers._riccati_active_set import active_set
-from zoac.mpc.solvers._riccati_batch import (
+from .active_set import active_set
+from .batch import (
     block_layout,
     certify_batch,
     load_batch,
@@ -28,25 +19,33 @@ from zoac.mpc.solvers._riccati_batch import (
     store_plan,
     sweep_batch,
 )
-from zoac.mpc.solvers._riccati_entries import LANES, LARGEST
-from zoac.mpc.solvers._riccati_interior import interior_point
-from zoac.mpc.solvers._riccati_rows import copy_row, kernel
-from zoac.mpc.solvers._riccati_sweeps import (
-    PINNED,
+from .certificate import REFINE_ABOVE, certified, certified_otherwise
+from .entries import LANES, LARGEST
+from .interior import interior_point
+from .rows import copy_row, kernel
+from .sweeps import (
     Layout,
     accept,
     backward,
     first_side,
-    forward,
     forward_clipped,
     lane_layout,
     make_lane,
-    optimality_error,
     place,
     shape,
     stored,
 )
-from zoac.mpc.solvers.base import Status
+
+
+class Status(enum.IntEnum):
+    """How the solve of one programme ended."""
+
+    SOLVED = 0
+    INACCURATE = 1
+    ITERATION_LIMIT = 2
+    NUMERICAL_FAILURE = 3
+    NOT_FINITE = 4
+
 
 _SOLVED = int(Status.SOLVED)
 _INACCURATE = int(Status.INACCURATE)
@@ -55,11 +54,6 @@ _NUMERICAL_FAILURE = int(Status.NUMERICAL_FAILURE)
 _NOT_FINITE = int(Status.NOT_FINITE)
 _OPEN = -1  # not solved yet
 _FEWEST = 2  # lanes for which a sweep of eight takes less time than their own
-
-_REFINE_ABOVE = 1e-10  # optimality error, relative to an input's range
-_SOLVED_BELOW = 1e-7
-_SOLVED_BELOW_FIXED = 1e-9  # the same, with the other inputs held
-_REFINEMENTS = 3
 
 
 @kernel
@@ -150,39 +144,6 @@ def _sweep(lane: np.ndarray, at: Layout, limit: int) -> tuple[int, bool]:
 
 
 @kernel
-def _certified(lane: np.ndarray, at: Layout) -> bool:
-    """Refine the current point if need be, and say whether it is optimal to tolerance."""
-    error = optimality_error(lane, at)
-    for _ in range(_REFINEMENTS):
-        if not _REFINE_ABOVE < error < np.inf:
-            break
-        backward(lane, at, -1)
-        forward(lane, at)
-        accept(lane, at)
-        error = optimality_error(lane, at)
-    return error <= _SOLVED_BELOW
-
-
-@kernel
-def _certified_otherwise(lane: np.ndarray, at: Layout) -> bool:
-    """Whether the point is optimal by the Hessian's own diagonal instead of the value's curvature.
-
-    Where inputs are nearly interchangeable the value's curvature is tiny, and rounding alone
-    keeps the error in its units above tolerance; the diagonal never is. It is what the recursion
-    gives when no input is eliminated.
-    """
-    count = at.n * len(at.u)
-    for m in range(count):
-        lane[at.multiplier + m] = lane[at.side + m]  # no longer in use
-        lane[at.side + m] = PINNED
-    backward(lane, at, at.n - 1)
-    error = optimality_error(lane, at)
-    for m in range(count):
-        lane[at.side + m] = lane[at.multiplier + m]
-    return error <= _SOLVED_BELOW_FIXED
-
-
-@kernel
 def _solve_lane(
     lane: np.ndarray, at: Layout, careful: bool, sweeps: int, limit: int
 ) -> tuple[int, int]:
@@ -191,7 +152,7 @@ def _solve_lane(
     used, ended = _sweep(lane, at, 1 if careful else sweeps)
     if used < 0:
         return _NUMERICAL_FAILURE, 0
-    if ended and not careful and _certified(lane, at):
+    if ended and not careful and certified(lane, at):
         return _SOLVED, used
     count = interior_point(lane, at)
     if count < 0:
@@ -201,7 +162,7 @@ def _solve_lane(
     if count < 0:
         return _NUMERICAL_FAILURE, used
     used += count
-    if _certified(lane, at) or _certified_otherwise(lane, at):
+    if certified(lane, at) or certified_otherwise(lane, at):
         return _SOLVED, used
     return (_INACCURATE if ended else _ITERATION_LIMIT), used
 
@@ -278,7 +239,7 @@ def _solve_in_batches(
                 sweeping[i] = False
                 index = first + i
                 error = block[stands.worst * LANES + i]
-                if error <= _REFINE_ABOVE:
+                if error <= REFINE_ABOVE:
                     store_plan(block, stands, i, low, high, plans[index])
                     status[index], iterations[index] = _SOLVED, used
 
@@ -303,10 +264,10 @@ def _compile(source: str) -> Any:
         status: np.ndarray,
         iterations: np.ndarray,
     ) -> bool:
-        """Solve every lane of `problem`, the seven arrays of `LinearisedProblem` in order.
+        """Solve every lane of `problem`, the first seven arguments of `solve_about` in order.
 
         `sizes` are three tuples whose lengths are nx, nu and the width of a stored row, and the
-        pattern of `_riccati_batch.Block`. Returns False, having done nothing, where the bounds
+        pattern of `batch.Block`. Returns False, having done nothing, where the bounds
         are not in order.
         """
         for j in range(len(low)):
@@ -331,19 +292,11 @@ def _compile(source: str) -> Any:
     return solve_lanes
 
 
-def _digest() -> str:
-    modules = (
-        base,
-        _riccati_rows,
-        _riccati_sweeps,
-        _riccati_interior,
-        _riccati_active_set,
-        _riccati_entries,
-        _riccati_stages,
-        _riccati_batch,
-    )
-    files = [Path(module.__file__) for module in modules if module.__file__]
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
+def source_files() -> list[Path]:
+    """Return the files of this package."""
+    return sorted(Path(__file__).parent.glob("*.py"))
 
 
-solve_lanes = _compile(_digest())
+solve_lanes = _compile(
+    hashlib.sha256(b"".join(path.read_bytes() for path in source_files())).hexdigest()
+)

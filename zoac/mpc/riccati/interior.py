@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from zoac.mpc.solvers._riccati_rows import kernel
-from zoac.mpc.solvers._riccati_sweeps import (
+from .certificate import optimality_error
+from .rows import kernel
+from .sweeps import (
     FREE,
     HIGH,
     LOW,
@@ -21,7 +22,6 @@ from zoac.mpc.solvers._riccati_sweeps import (
     backward,
     forward,
     move,
-    optimality_error,
     place,
     propagate,
     shape,

@@ -1,7 +1,7 @@
 """The clipped sweeps and the certificate for eight lanes at once.
 
 An entry of `block` is eight numbers, one a lane; offsets and strides count entries. The bits are
-those of a lane alone (`_riccati_stages`). A lane for which sweeps are not the whole story is not
+those of a lane alone (`stages`). A lane for which sweeps are not the whole story is not
 accepted, and is solved by itself from the start.
 """
 
@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zoac.mpc.solvers._riccati_entries import LANES, gather, gather_dynamics
-from zoac.mpc.solvers._riccati_rows import kernel
-from zoac.mpc.solvers._riccati_stages import advance, certify, eliminate, pull
-from zoac.mpc.solvers._riccati_sweeps import first_side, stored
+from .entries import LANES, gather, gather_dynamics
+from .rows import kernel
+from .stages import advance, certify, eliminate, pull
+from .sweeps import first_side, stored
 
 
 class Block(NamedTuple):
