@@ -15,6 +15,7 @@ from gymnasium.vector import VectorEnv
 from zoac.checks import locate
 from zoac.errors import ConfigError, ZoacError
 from zoac.gymnasium_lanes import Bounds, GymnasiumLanes, copy_of, env_action
+from zoac.numbers import is_number
 from zoac.objective import Objective
 from zoac.parameters import Parameter, ParameterSpace, choice
 from zoac.task import Constraint, Controller, Metric, Task
@@ -173,8 +174,14 @@ def user_task(
     Raises:
         ConfigError: If any of them cannot be used.
     """
-    if max_episode_steps is not None and max_episode_steps < 1:
-        raise ConfigError(f"max_episode_steps={max_episode_steps}: expected 1 or more")
+    if max_episode_steps is not None and not _is_count(max_episode_steps):
+        raise ConfigError(
+            f"max_episode_steps={max_episode_steps!r}: expected 1 or more, a whole number, at most "
+            f"{LONGEST:,}"
+        )
+    for what, numbers in (("plant", plant), ("vary", vary)):
+        if not isinstance(numbers, Mapping | None):
+            raise ConfigError(f"{what}={numbers!r}: expected numbers by attribute")
     if isinstance(env, str) and _DOTTED.fullmatch(env):
         env = locate(env, "env")
     if isinstance(controller, str):
@@ -192,7 +199,7 @@ def user_task(
         fixed,
         starts or None,
         _named(metrics, Metric, "metrics"),
-        max_episode_steps,
+        None if max_episode_steps is None else int(max_episode_steps),
         _named(constraints, Constraint, "constraints"),
         plant,
         vary,
@@ -200,6 +207,14 @@ def user_task(
     )
     task.make_controller()  # says what is wrong with it
     return task
+
+
+LONGEST = 10_000_000
+"""Steps of an episode that a user may ask for."""
+
+
+def _is_count(value: Any) -> bool:
+    return is_number(value) and value % 1 == 0 and 1 <= value <= LONGEST
 
 
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")

@@ -229,7 +229,7 @@ def _identity(task: Task, options: Mapping[str, Any]) -> dict[str, Any]:
         "start": dict(task.nominal or {}),
         "max_episode_steps": options["max_episode_steps"],
         "plant": dict(options["plant"] or {}),
-        "vary": {name: list(bounds) for name, bounds in (options["vary"] or {}).items()},
+        "vary": dict(options["vary"] or {}),
         "objective": options["objective"],
     }
     plain: dict[str, Any] = json.loads(records.json_line(told))

@@ -19,13 +19,11 @@ from zoac.errors import (
     EnvironmentContractError,
     EnvironmentFailure,
     ZoacError,
-    suggest,
 )
 from zoac.objective import Objective
+from zoac.plant_numbers import Bounds, PlantNumbers, lost_number
 from zoac.seeding import stream
 from zoac.state import OwnObject
-
-Bounds = tuple[float, float] | list[float]
 
 LONGEST_EPISODE = 10_000
 """Steps after which an episode that nothing limits is an error."""
@@ -86,10 +84,9 @@ class GymnasiumLanes(LaneEnv):
         self._envs = list(envs)
         self._taken = _taken(first)
         self._make, self._objective = make, Objective(objective)
-        self._plant = {name: float(value) for name, value in (plant or {}).items()}
+        self._numbers = PlantNumbers(first, plant or {}, vary or {})
         for env in self._envs:
-            _set_plant(env, self._plant)
-        self._vary = {name: _range(name, bounds) for name, bounds in (vary or {}).items()}
+            self._numbers.put(env, self._numbers.fixed)
         self._draws: list[np.random.Generator] = [np.random.default_rng(0) for _ in envs]
         self._seen = np.zeros((len(envs), size))
 
@@ -121,17 +118,16 @@ class GymnasiumLanes(LaneEnv):
             lane_seed = seeds[lane]
             # Many environments hand their seed to libraries that take 32 bits.
             short = None if lane_seed is None else int(lane_seed) % 2**31
-            if lane_seed is not None and self._vary:
+            if lane_seed is not None and self._numbers.drawn:
                 self._draws[lane] = stream(int(lane_seed), "plant")
-            drawn = {k: float(self._draws[lane].uniform(*ends)) for k, ends in self._vary.items()}
-            # Before the reset, whose start may depend on them; its step may have changed them.
-            _set_plant(self._envs[lane], self._plant | drawn)
+            numbers = self._numbers.draw(self._draws[lane])
+            self._numbers.put(self._envs[lane], numbers)  # a step may have changed them
             self._steps[lane] = 0
             try:
                 told = {"options": options} if options else {}
                 result = self._call(lane, "reset", seed=short, **told)
                 observation, _ = _parts(result, "reset", ("observation", "info"))
-                _check_plant(self._envs[lane], self._plant | drawn)
+                self._numbers.check(self._envs[lane], numbers)
                 self._see(lane, observation)
             except EnvironmentFailure as failure:
                 failures[lane] = failure
@@ -288,13 +284,12 @@ def copy_of(env: gymnasium.Env) -> gymnasium.Env:
             f"env={env}: every lane needs a copy, and copying raised {type(error).__name__}: "
             f"{error}; {remedy}"
         ) from error
-    for name, value in vars(env.unwrapped).items():
-        found = getattr(twin.unwrapped, name, None)
-        if isinstance(value, _NUMBERS) and value == value and found != value:
-            raise ConfigError(
-                f"env={env}: every lane needs a copy, and in a copy {name!r} is {found!r}, not "
-                f"{value!r}; {remedy}"
-            )
+    if (name := lost_number(env, twin)) is not None:
+        found, value = getattr(twin.unwrapped, name, None), getattr(env.unwrapped, name)
+        raise ConfigError(
+            f"env={env}: every lane needs a copy, and in a copy {name!r} is {found!r}, not "
+            f"{value!r}; {remedy}"
+        )
     return twin
 
 
@@ -349,39 +344,6 @@ def _own_limit(env: gymnasium.Env) -> int | None:
             limits.append(env._max_episode_steps)
         env = env.env
     return min((limit for limit in limits if limit is not None), default=None)
-
-
-def _set_plant(env: gymnasium.Env, plant: Mapping[str, float]) -> None:
-    inner = env.unwrapped
-    for name, value in plant.items():
-        if not isinstance(getattr(inner, name, None), _NUMBERS):
-            numbers = [k for k, v in vars(inner).items() if isinstance(v, _NUMBERS)]
-            raise ConfigError(
-                f"{type(inner).__name__} has no number {name!r} to set; {suggest(name, numbers)}"
-            )
-        setattr(inner, name, value)
-
-
-def _check_plant(env: gymnasium.Env, plant: Mapping[str, float]) -> None:
-    """See that the numbers that were set before a reset are still there after it."""
-    inner = env.unwrapped
-    for name, value in plant.items():
-        found = getattr(inner, name, None)
-        # Not to the last bit: an environment may keep it in single precision.
-        if not (isinstance(found, _NUMBERS) and np.isclose(found, value, rtol=1e-6, atol=0.0)):
-            raise ConfigError(
-                f"{type(inner).__name__}.reset sets {name!r} to {found!r} itself, so it cannot be "
-                f"set to {value:g} by plant or vary; set it in __init__, and let reset read it"
-            )
-
-
-_NUMBERS = (int, float, np.number)
-
-
-def _range(name: str, bounds: Bounds) -> tuple[float, float]:
-    if len(bounds) != 2 or not bounds[0] <= bounds[1]:
-        raise ConfigError(f"vary.{name}={list(bounds)}: expected [low, high]")
-    return float(bounds[0]), float(bounds[1])
 
 
 _STEP = ("observation", "reward", "terminated", "truncated", "info")

@@ -232,7 +232,7 @@ def test_a_plant_is_set_and_what_it_has_not_is_named():
     env.mass = 1.0  # an attribute of its own, so that it can be listed
     with pytest.raises(ConfigError, match="no number 'mas' to set; did you mean 'mass'"):
         GymnasiumLanes([env], 5, plant={"mas": 3.0})
-    with pytest.raises(ConfigError, match=r"vary.mass=\[2.0, 1.0\]"):
+    with pytest.raises(ConfigError, match=r"vary.mass=\(2.0, 1.0\)"):
         GymnasiumLanes([env], 5, vary={"mass": (2.0, 1.0)})
 
 
@@ -253,7 +253,12 @@ def held(segment):
         ({"space": [("k", 0, 1)]}, "space=.*: expected bounds by name"),
         ({"start": "a"}, "start='a': expected values by name"),
         ({"start": {"k": "a"}}, "parameter 'k': expected a number from 0 to 1, got 'a'"),
-        ({"max_episode_steps": 0}, "max_episode_steps=0: expected 1 or more"),
+        *(
+            ({"max_episode_steps": steps}, "max_episode_steps=.*: expected 1 or more, a whole")
+            for steps in (0, 3.5, "200", 10**30, [1])
+        ),
+        ({"plant": 3}, "plant=3: expected numbers by attribute"),
+        ({"vary": [("k", 1, 2)]}, "vary=.*: expected numbers by attribute"),
     ],
 )
 def test_what_a_task_cannot_be_made_of_is_named(changes, message):
