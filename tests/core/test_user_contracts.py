@@ -10,6 +10,7 @@ from tests.core.test_adapters import Drift
 from zoac.adapters import parse_space, user_task
 from zoac.errors import ConfigError, ControllerError, EnvironmentContractError
 from zoac.gymnasium_lanes import GymnasiumLanes, env_action
+from zoac.policies import linear
 from zoac.rollout import LaneGroup
 from zoac.segments import Proposal
 from zoac.task import Constraint, Metric
@@ -62,7 +63,7 @@ def test_what_is_no_environment_is_told_by_what_it_is(env, message):
     with pytest.raises(ConfigError, match=message):
         segment(env)
     with pytest.raises(ConfigError, match=message):
-        zoac.policies.linear(env)
+        linear(env)
 
 
 class NoSeed(Drift):
