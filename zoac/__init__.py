@@ -10,15 +10,35 @@ Importing `zoac` makes Gymnasium know `zoac/PidAcc-v0` and `zoac/MpcTracking-v0`
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from importlib.machinery import ModuleSpec
+from importlib.util import spec_from_file_location
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
-_root = Path(__file__).resolve().parent.parent
-if (_root / "pyproject.toml").is_file() and (_root / "conf" / "run.yaml").is_file():
-    __path__.append(str(_root))
+
+class _Clone:
+    """Finds the subpackages that lie beside this folder in a clone, and nothing else."""
+
+    ROOT = Path(__file__).resolve().parent.parent
+    NAMES = ("conf", "tasks", "baselines", "analysis")
+
+    @classmethod
+    def find_spec(cls, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        """Return where a subpackage lies; see `importlib.abc.MetaPathFinder`."""
+        parent, _, last = name.rpartition(".")
+        folder = cls.ROOT / last
+        if parent != __name__ or last not in cls.NAMES or not folder.is_dir():
+            return None
+        init = folder / "__init__.py"
+        return spec_from_file_location(name, init, submodule_search_locations=[str(folder)])
+
+
+if not (Path(__file__).parent / "tasks").is_dir() and _Clone not in sys.meta_path:
+    sys.meta_path.insert(0, _Clone)  # before an installed copy of another clone
 
 from zoac.tasks import register  # noqa: E402 (found through the line above)
 

@@ -12,7 +12,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import VectorEnv
 
-from zoac.checks import locate
+from zoac.checks import check_code, locate
 from zoac.errors import ConfigError, ZoacError
 from zoac.gymnasium_lanes import Bounds, GymnasiumLanes, copy_of, env_action
 from zoac.numbers import is_number
@@ -183,9 +183,9 @@ def user_task(
         if not isinstance(numbers, Mapping | None):
             raise ConfigError(f"{what}={numbers!r}: expected numbers by attribute")
     if isinstance(env, str) and _DOTTED.fullmatch(env):
-        env = locate(env, "env")
+        env = _code(env, "env")
     if isinstance(controller, str):
-        controller = locate(controller, "controller")
+        controller = _code(controller, "controller")
     parsed, fixed, starts = parse_space(space)
     if not isinstance(start, Mapping | None):
         raise ConfigError(f"start={start!r}: expected values by name, such as {{'kp': 1.0}}")
@@ -220,11 +220,18 @@ def _is_count(value: Any) -> bool:
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
 
 
+def _code(path: str, where: str) -> Any:
+    """Return what a dotted path names; nothing of Python itself."""
+    found = locate(path, where)
+    check_code(found, where)
+    return found
+
+
 def _named(given: Sequence[Any] | Mapping[str, Any], kind: Any, where: str) -> list[Any]:
     """Return metrics or constraints from functions or dotted paths by name."""
     if isinstance(given, Mapping):
         located = {
-            name: locate(value, f"{where}.{name}") if isinstance(value, str) else value
+            name: _code(value, f"{where}.{name}") if isinstance(value, str) else value
             for name, value in given.items()
         }
         found = [v if isinstance(v, kind) else kind(name, v) for name, v in located.items()]

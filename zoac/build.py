@@ -22,14 +22,20 @@ from zoac.tuner import Problem, Tuner
 NOTES = ("tuned_for",)
 
 
-def build(node: Mapping[str, Any], where: str, **provided: Any) -> Any:
+def build(node: Mapping[str, Any], where: str, expected: Any, **provided: Any) -> Any:
     """Check a config node against its `_target_` and call that, inner nodes first.
 
+    Args:
+        node: The node, resolved, as plain Python.
+        where: Its name in the config.
+        expected: What it must make: a class or a protocol.
+        provided: Arguments of the target beside those in the node.
+
     Raises:
-        ConfigError: Naming every fault of the node.
+        ConfigError: Naming every fault of the node, or a target that makes something else.
     """
     node = {k: v for k, v in node.items() if k not in NOTES}
-    check_node(node, where, provided=tuple(provided))
+    check_node(node, where, tuple(provided), expected)
     return _call(node, where, provided)
 
 
@@ -46,7 +52,7 @@ def _call(node: Mapping[str, Any], where: str, provided: Mapping[str, Any]) -> A
 
 def build_task(config: Mapping[str, Any]) -> Task:
     """Return the task of a resolved configuration."""
-    task = build(config["task"], "task")
+    task = build(config["task"], "task", Task)
     if (penalty := config.get("failure_penalty")) is not None:
         task.failure_penalty = penalty
     return task
@@ -134,21 +140,21 @@ def baseline_use(node: Mapping[str, Any], task: Task, settings: Settings) -> dic
 def _on_terms(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
     """Return the tuner, with a scouted start and common episodes if they are asked for."""
     if settings.scout is None:
-        tuner: Tuner = build(node, "tuner", problem=problem)
+        tuner: Tuner = build(node, "tuner", Tuner, problem=problem)
     else:
         if "start" not in node or settings.trust is not None:
             why = "trust gives one" if settings.trust is not None else "this tuner takes none"
             raise ConfigError(f"scout={settings.scout}: it looks for a start, and {why}")
         node = {**node, "start": "nominal"}
-        tuner = Scout(problem, settings.scout, lambda p: build(node, "tuner", problem=p))
+        tuner = Scout(problem, settings.scout, lambda p: build(node, "tuner", Tuner, problem=p))
     return CommonEpisodes(tuner, settings.seed) if settings.common_episodes else tuner
 
 
 def build_executor(config: Mapping[str, Any]) -> Executor:
     """Return the executor of a resolved configuration, not yet started."""
-    return build(config["executor"], "executor")
+    return build(config["executor"], "executor", Executor)
 
 
 def build_sinks(config: Mapping[str, Any]) -> list[Sink]:
     """Return the mirrors of a resolved configuration."""
-    return [build(node, f"logger.{name}") for name, node in config["logger"].items()]
+    return [build(node, f"logger.{name}", Sink) for name, node in config["logger"].items()]

@@ -6,6 +6,7 @@ This module and `zoac.run` are the only ones that know Hydra.
 from __future__ import annotations
 
 import re
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
@@ -131,11 +132,19 @@ def compose_config(overrides: Sequence[str]) -> DictConfig:
 
 @contextmanager
 def _hydra() -> Iterator[GlobalHydra]:
-    """Yield Hydra ready to compose this package's configuration, whoever used it before."""
-    GlobalHydra.instance().clear()
-    know_own_conf()
-    with initialize_config_module(CONFIG_MODULE, version_base="1.3"):
-        yield GlobalHydra.instance()
+    """Yield Hydra ready to compose this package's configuration; whose it was has it back."""
+    with _ONE_AT_A_TIME:
+        hydra = GlobalHydra.instance()
+        earlier, hydra.hydra = hydra.hydra, None
+        try:
+            know_own_conf()
+            with initialize_config_module(CONFIG_MODULE, version_base="1.3"):
+                yield GlobalHydra.instance()
+        finally:
+            GlobalHydra.instance().hydra = earlier
+
+
+_ONE_AT_A_TIME = threading.RLock()  # Hydra is one object per process
 
 
 def with_whole_steps(overrides: Sequence[str]) -> list[str]:
