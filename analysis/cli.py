@@ -25,11 +25,16 @@ def parser(module: str, summary: str, out: str) -> argparse.ArgumentParser:
         out: Default output folder.
     """
     made = argparse.ArgumentParser(prog=f"python -m zoac.analysis.{module}", description=summary)
-    made.add_argument("runs", type=Path, help="a folder of runs, or one run folder")
+    made.add_argument("runs", type=folder, help="a folder of runs, or one run folder")
     made.add_argument(
-        "--out", type=Path, default=Path(out), metavar="FOLDER", help=f"default: {out}"
+        "--out", type=folder, default=Path(out), metavar="FOLDER", help=f"default: {out}"
     )
     return made
+
+
+def folder(text: str) -> Path:
+    """Parse a path, which may begin with ~."""
+    return Path(text).expanduser()
 
 
 def count(text: str) -> int:

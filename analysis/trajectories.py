@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument(
         "--animate",
-        type=Path,
+        type=cli.folder,
         metavar="FILE",
         help="write a .gif or .mp4 of one run, before and after tuning, instead",
     )

@@ -193,7 +193,7 @@ def tune(
         sinks=[] if quiet else [Console(config.budget)],
         quiet=quiet,
     )
-    where = Path(folder) if folder is not None else Path(tempfile.mkdtemp(prefix="zoac-"))
+    where = Path(folder or tempfile.mkdtemp(prefix="zoac-")).expanduser()
     result = execute(run, where)
     if not isinstance(task, str) and not (where / TASK).exists():
         keep_task(the_task, where)

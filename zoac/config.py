@@ -251,6 +251,8 @@ def _siblings(key: str, overrides: Sequence[str]) -> str:
     except Exception:  # a choice may be wrong as well, in any of the ways that Hydra knows
         return "see --help"
     node = OmegaConf.select(config, parent) if parent else config
+    if node is None and "." in parent:  # what is unknown stands further up
+        return _siblings(parent, overrides)
     names = [str(name) for name in node] if isinstance(node, DictConfig) else []
     known = [name for name in names if name[0] != "_" and name not in NOT_OF_THE_RUN]
     prefix = f"{parent}." if parent else ""

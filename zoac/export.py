@@ -34,7 +34,7 @@ def export(parameters: Mapping[str, Any], path: str | Path, units: Mapping[str, 
         ConfigError: If the suffix is unknown, two names become one identifier, a value is not
             finite or has no literal in that language, or the file cannot be written.
     """
-    path = Path(path)
+    path = Path(path).expanduser()
     writer = FORMATS.get(path.suffix)
     if writer is None:
         raise ConfigError(f"export to {path.name!r}: {suggest(path.suffix, FORMATS)}")

@@ -160,7 +160,7 @@ def is_done(folder: Path) -> bool:
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text())
+        content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         reason = "the run is not finished" if path.name == RESULT else "not a run folder"
         raise RunFolderError(f"{path.parent}: there is no {path.name}; {reason}") from None
@@ -180,7 +180,7 @@ def read_metrics(folder: Path) -> list[dict[str, Any]]:
     """
     path = Path(folder) / METRICS
     try:
-        lines = path.read_text().split("\n")
+        lines = path.read_text(encoding="utf-8").split("\n")
     except FileNotFoundError:
         raise RunFolderError(f"{path.parent}: there is no {METRICS}; not a run folder") from None
     except (OSError, ValueError) as error:

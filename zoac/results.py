@@ -98,7 +98,7 @@ def load_result(
         RunFolderError: If there is no finished run, or `run.json` does not say which parameters
             were fixed.
     """
-    folder = Path(folder)
+    folder = Path(folder).expanduser()
     record, run = records.read_result(folder), records.read_run(folder)
     if "fixed" not in run:
         raise RunFolderError(

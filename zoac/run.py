@@ -53,10 +53,10 @@ class SweepStart(Callback):
 
     def on_multirun_start(self, config: DictConfig, **more: Any) -> None:
         """Fix the sweep's folder, and the environment that jobs' processes inherit."""
-        folder = str(Path(config.hydra.sweep.dir).absolute())
+        folder = str(Path(config.hydra.sweep.dir).expanduser().absolute())
         os.environ[_SWEEP] = folder
         # Composed anew for each job, where runs_dir may differ and another folder be the current.
-        quoted = folder.replace("\\", "\\\\").replace("'", "\\'")
+        quoted = folder.replace("\\", "\\\\").replace("'", "\\'").replace("${", "\\${")
         with read_write(config.hydra):
             config.hydra.overrides.hydra.append(f"hydra.sweep.dir='{quoted}'")
         # Numeric libraries read their number of threads when loaded, before Hydra would set it.

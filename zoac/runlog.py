@@ -5,6 +5,7 @@ The run folder is the truth. A mirror that fails is dropped with one warning; th
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import time
@@ -150,7 +151,8 @@ class Console:
 
     def __init__(self, budget: int, stream: TextIO | None = None) -> None:
         self._budget = budget
-        self._stream = stream or sys.stdout
+        # There is no standard output in a program without a console.
+        self._stream = stream or sys.stdout or io.StringIO()
         self._live = self._stream.isatty()
         self._name = ""
         self._first: tuple[float, int] | None = None
@@ -213,7 +215,9 @@ class Console:
 
     def _print(self, text: str) -> None:
         clear = "\r\033[K" if self._live else ""
-        print(f"{clear}{text}", file=self._stream, flush=True)
+        encoding = getattr(self._stream, "encoding", None) or "utf-8"
+        known = text.encode(encoding, errors="backslashreplace").decode(encoding)
+        print(f"{clear}{known}", file=self._stream, flush=True)
 
 
 def _clock(seconds: float) -> str:

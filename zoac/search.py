@@ -78,7 +78,7 @@ class Search:
         self._box = distributions(ranges)
         defaults = {key: value_at(plain, key) for key in self._box}
         self._name = name or f"{self._task}-{self._tuner}"
-        self._folder = Path(folder) / self._name
+        self._folder = Path(folder).expanduser() / self._name
         self._make(folder)
         self._study = self._open(storage, prune)
         self._begin(plain, defaults)

@@ -19,6 +19,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from zoac import build, fingerprint, records
 from zoac.checks import TARGET, locate
 from zoac.errors import ConfigError, RunFolderError
@@ -51,7 +53,7 @@ def run_folder(config: Mapping[str, Any], task: str, tuner: str) -> Path:
         raise ConfigError(
             f"variant={variant!r}: expected the name of one folder, without /, such as {usable!r}"
         )
-    folder = Path(config["runs_dir"]) / task / tuner / f"seed={config['seed']}"
+    folder = Path(config["runs_dir"]).expanduser() / task / tuner / f"seed={config['seed']}"
     return folder / f"variant={config['variant']}" if config["variant"] else folder
 
 
@@ -181,7 +183,8 @@ def execute(run: Run, folder: Path) -> dict[str, Any]:
         _tell_remarks(run.task)
         try:
             run.executor.start(run.task, run.settings.lanes, run.settings.seed)
-            with _stop_on_signal() as stop:
+            # A caller's `np.seterr(all="raise")` is not for what zoac computes.
+            with _stop_on_signal() as stop, np.errstate(all="warn", under="ignore"):
                 return Trainer(run.task, run.tuner, run.executor, run.settings, log, stop).run()
         except Interrupted:
             print(f"stopped; the same command goes on from {folder}", file=sys.stderr)
@@ -370,7 +373,7 @@ def _run_record(run: Run) -> dict[str, Any]:
 def _processor() -> str:
     """Name the processor: libraries choose their code by its model, and with it their rounding."""
     try:
-        lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         lines = []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]

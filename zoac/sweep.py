@@ -85,6 +85,8 @@ def report(folder: Path) -> tuple[str, bool]:
         folder: The sweep's folder.
     """
     notes = _notes(folder)
+    if not notes:
+        return "the sweep has no jobs: no value of what it goes through was found", False
     lines = {
         FAILED: [f"{n['job']}: {n['reason']}" for n in notes if n["state"] == FAILED],
         STOPPED: [n["job"] for n in notes if n["state"] == STOPPED],
@@ -105,7 +107,7 @@ def report(folder: Path) -> tuple[str, bool]:
 
 
 def _notes(folder: Path) -> list[dict[str, Any]]:
-    return [json.loads(p.read_text()) for p in folder.glob("[0-9]*.json")]
+    return [json.loads(p.read_text(encoding="utf-8")) for p in folder.glob("[0-9]*.json")]
 
 
 def _where(note: dict[str, Any]) -> str:

@@ -35,7 +35,7 @@ def usage() -> str:
     folder = Path(next(iter(zoac.conf.__path__)))
     own = own_conf()
     of_their_own = "".join(f"\n{line}" for line in _groups(own)) if own else ""
-    _, _, rest = (folder / "run.yaml").read_text().partition("\nseed:")
+    _, _, rest = (folder / "run.yaml").read_text(encoding="utf-8").partition("\nseed:")
     keys, _, _ = f"seed:{rest}".partition("\nhydra:")
     return _TEXT.format(
         groups="\n".join(_groups(folder)),

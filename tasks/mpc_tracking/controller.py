@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numba import njit
 
+from zoac.compiled import compiled
 from zoac.errors import ControllerError
 from zoac.mpc.policy import MpcOptions, Objective, SequentialQp
 from zoac.mpc.solvers.base import Solver
@@ -150,7 +150,7 @@ class TrackingMpc:
         return objective
 
 
-@njit(cache=True)
+@compiled()
 def _write_objective(
     obs: np.ndarray,
     values: np.ndarray,

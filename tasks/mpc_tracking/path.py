@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from zoac.compiled import compiled
 
 SPEED = 18.0
 """Reference speed u_r [m/s]."""
@@ -16,7 +17,7 @@ STEP = 0.1
 _BASE = 2 * math.pi / 1200  # [rad/m]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def profile(x: float) -> tuple[float, float]:
     """Return y_r [m] and dy_r/dx at `x` [m].
 
@@ -33,19 +34,19 @@ def profile(x: float) -> tuple[float, float]:
     return height, slope
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def lateral(x: float) -> float:
     """Return y_r(x) [m]."""
     return profile(x)[0]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def heading(x: float) -> float:
     """Return phi_r(x) = arctan(dy_r/dx) [rad]."""
     return math.atan(profile(x)[1])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def preview(x: float, points: np.ndarray) -> None:
     """Fill `points` (3 N,) with (x_r, y_r, phi_r) [m, m, rad], N times, along the path from `x`.
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box
-from numba import njit
 
+from zoac.compiled import compiled
 from zoac.environment import ArrayLanes, SingleLane
 from zoac.tasks.mpc_tracking import path
 from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH, INPUT_LOW, TRUE_PARAMETERS, advance, six
@@ -99,7 +99,7 @@ def demonstration_start() -> np.ndarray:
     return np.array([x, y, phi, u, u * math.tan(0.03), 0.05])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _advance_lanes(
     states: np.ndarray, actions: np.ndarray, cost: np.ndarray, terminated: np.ndarray
 ) -> None:
@@ -128,7 +128,7 @@ def _advance_lanes(
             cost[lane] += TERMINATION_COST
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _observe_lanes(states: np.ndarray, observations: np.ndarray) -> None:
     for lane in range(len(states)):
         observations[lane, :6] = states[lane]

@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from zoac.compiled import compiled
 from zoac.mpc.solvers.base import Sparsity
 from zoac.tasks.mpc_tracking.path import STEP
 
@@ -29,7 +29,7 @@ TRUE_PARAMETERS: Theta = (1536.7, -128916.0, -85944.0, 1.06, 1.85, 1412.0)
 """I_z, k_f, k_r, l_f, l_r, m of the plant (Table I)."""
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def advance(theta: Theta, state: State, delta: float, a: float) -> State:
     """Return F_theta(state, (delta, a)): the paper's predictive model."""
     inertia, k_f, k_r, l_f, l_r, m = theta
@@ -52,7 +52,7 @@ def advance(theta: Theta, state: State, delta: float, a: float) -> State:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def write_jacobians(
     theta: Theta, state: State, delta: float, after: State, a: np.ndarray, b: np.ndarray
 ) -> None:
@@ -90,13 +90,13 @@ def write_jacobians(
     b[5, 0] = -STEP * l_f * k_f * u / q
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def six(values: np.ndarray) -> State:
     """Return the entries of an array (6,) as a tuple: numbers, not a view, inside the loops."""
     return (values[0], values[1], values[2], values[3], values[4], values[5])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _roll_out_and_linearise(
     theta: np.ndarray, inputs: np.ndarray, states: np.ndarray, a: np.ndarray, b: np.ndarray
 ) -> None:
@@ -112,7 +112,7 @@ def _roll_out_and_linearise(
             state = after
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _advance_lanes(
     theta: np.ndarray, states: np.ndarray, inputs: np.ndarray, after: np.ndarray
 ) -> None:

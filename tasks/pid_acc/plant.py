@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-import numba
 import numpy as np
 from gymnasium.spaces import Box
 
+from zoac.compiled import compiled
 from zoac.environment import ArrayLanes, SingleLane
 
 GAIN = 1.0  # K_L
@@ -106,7 +106,7 @@ class PidAccLanes(ArrayLanes):
         return frame(lambda axes: draw_following(axes, dd, dv, af, u, MAX_CLEARANCE_ERROR))
 
 
-@numba.njit(cache=True)
+@compiled()
 def _advance_lanes(
     history: np.ndarray,
     preceding: np.ndarray,

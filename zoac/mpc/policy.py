@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Literal, Protocol, get_args
 
 import numpy as np
-from numba import njit
 
+from zoac.compiled import compiled
 from zoac.errors import ConfigError, suggest
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Solver, Sparsity, Status
 from zoac.mpc.solvers.scaling import units
@@ -287,7 +287,7 @@ def _finite(problem: LinearisedProblem) -> np.ndarray:
     return _finite_rows(*[getattr(problem, name).reshape(n, -1) for name in _PER_LANE])
 
 
-@njit(cache=True)
+@compiled()
 def _finite_rows(
     a: np.ndarray,
     b: np.ndarray,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from zoac.compiled import compiled
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.scaling import units
 
@@ -54,7 +54,7 @@ def is_optimal(problem: LinearisedProblem, inputs: np.ndarray) -> np.ndarray:
     return optimal
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _judge(
     states: np.ndarray,
     rollout: np.ndarray,
@@ -119,7 +119,7 @@ def _judge(
         )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _stands(
     a: np.ndarray,
     b: np.ndarray,

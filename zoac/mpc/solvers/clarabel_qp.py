@@ -15,8 +15,8 @@ import clarabel
 import cvxpy as cp
 import numpy as np
 import scipy.sparse as sparse
-from numba import njit
 
+from zoac.compiled import compiled
 from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.certificate import certified
 from zoac.mpc.solvers.scaling import Units, units
@@ -202,7 +202,7 @@ class _CanonicalForm:
         )
 
 
-@njit(cache=True)
+@compiled()
 def _multiply(
     starts: np.ndarray,
     columns: np.ndarray,

@@ -18,8 +18,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from zoac.compiled import compiled
 from zoac.mpc.solvers.base import LinearisedProblem
 
 STATE_RANGE, INPUT_RANGE, COST_RANGE = 2.0**7, 2.0**10, 2.0**20
@@ -67,7 +67,7 @@ def units(problem: LinearisedProblem, always: bool = False) -> Units:
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _find(
     boxes: np.ndarray,
     rollout: np.ndarray,
@@ -135,12 +135,12 @@ def _find(
         cost[lane] = _power_of_two(largest) if _far(largest, cost_range) else 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _far(size: float, limit: float) -> bool:
     return size > 0 and not (1 / limit <= size <= limit)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _power_of_two(size: float) -> float:
     """Return the power of two nearest `size`; 1 for 0 and for what a double cannot square."""
     return float(2.0 ** np.round(np.log2(size))) if 1e-150 < size < 1e150 else 1.0

@@ -25,8 +25,8 @@ from functools import lru_cache
 
 import cvxpy as cp
 import numpy as np
-from numba import njit
 
+from zoac.compiled import compiled
 from zoac.mpc.solvers.base import LinearisedProblem
 from zoac.mpc.solvers.scaling import Units
 
@@ -199,7 +199,7 @@ def _entries(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     return a, b
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _write(
     a_entries: np.ndarray,
     b_entries: np.ndarray,

@@ -1,0 +1,147 @@
+"""What zoac leaves as it found it: the process that imports it, and the libraries that it uses."""
+
+import json
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+STATE = """
+    import gymnasium, hydra, json, locale, os, signal, sys, warnings
+    import bayes_opt, cma, nevergrad, numpy as np, optuna, torch
+    from hydra.core.global_hydra import GlobalHydra
+
+    LIBRARIES = bayes_opt.BayesianOptimization, cma.CMAEvolutionStrategy, optuna.study.Study
+    LIBRARIES += nevergrad.optimizers.CMA.__class__, torch.nn.Linear, torch.optim.Adam
+
+    def state():
+        return {
+            "threads": torch.get_num_threads(),
+            "dtype": str(torch.get_default_dtype()),
+            "gradients": torch.is_grad_enabled(),
+            "torch random": torch.random.get_rng_state().sum().item(),
+            "random": str(np.random.get_state()[1][:5]) + str(np.random.get_state()[2]),
+            "errors": np.geterr(),
+            "path": list(sys.path),
+            "hydra": repr(GlobalHydra.instance().hydra),
+            "filters": len(warnings.filters),
+            "signals": [str(signal.getsignal(s)) for s in (signal.SIGINT, signal.SIGTERM)],
+            "locale": locale.setlocale(locale.LC_ALL),
+            "environment": sorted(os.environ.items()),
+            "folder": os.getcwd(),
+            "classes": [sorted((k, id(v)) for k, v in vars(c).items()) for c in LIBRARIES],
+        }
+
+    torch.set_num_threads(2)
+    np.random.seed(7)
+    before = state()
+"""
+
+
+def run(code, **environment):
+    """Run a script that begins with `STATE`; return what it prints as JSON."""
+    script = textwrap.dedent(STATE) + textwrap.dedent(code)
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=ROOT,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+CHANGED = """
+    after = state()
+    print(json.dumps(sorted(key for key in after if after[key] != before[key])))
+"""
+
+
+def test_importing_zoac_changes_nothing():
+    assert run("    import zoac, zoac.algorithm.zoac" + CHANGED) == []
+
+
+TUNERS = sorted(p.stem for p in (ROOT / "conf" / "tuner").glob("*.yaml"))
+
+
+def test_tuning_changes_nothing_whoever_tunes():
+    code = f"""
+    import zoac
+    for tuner in {TUNERS}:
+        zoac.tune(task="lqr", tuner=tuner, budget=3000, num_envs=5, quiet=True, episodes=1,
+                  final_episodes=1)
+    """
+    code = code.replace("num_envs", "lanes")
+    assert run(code + CHANGED) == []
+
+
+@pytest.mark.parametrize("name", ["tests", "zoac", "benchmarks", "stress", "docs"])
+def test_there_is_no_second_way_to_a_module(name):
+    code = f"""
+    import importlib, zoac
+    try:
+        importlib.import_module("zoac.{name}")
+        print(json.dumps("found"))
+    except ModuleNotFoundError:
+        print(json.dumps("absent"))
+    """
+    assert run(code) == "absent"
+
+
+BITS = """
+    import zoac
+    result = zoac.tune(task="pid_acc", tuner="{tuner}", budget=3000, quiet=True, episodes=1,
+                       final_episodes=2)
+    print(json.dumps(result.parameters))
+"""
+
+DEFAULTS = {
+    "double precision": "torch.set_default_dtype(torch.float64)",
+    "no gradients": "torch.set_grad_enabled(False)",
+    "a device that computes nothing": "torch.set_default_device('meta')",
+    "errors of numpy": "np.seterr(all='raise')",
+    "one thread": "torch.set_num_threads(1)",
+    "another seed": "np.random.seed(99); torch.manual_seed(99)",
+}
+
+
+@pytest.mark.parametrize("tuner", ["zoac", "zoac_plus"])
+def test_a_callers_defaults_change_no_bit(tuner):
+    bits = BITS.format(tuner=tuner)
+    plain = run(bits)
+    found = {name: run(f"    {line}\n{bits}") for name, line in DEFAULTS.items()}
+    assert {name for name, parameters in found.items() if parameters != plain} == set()
+
+
+def test_a_caller_of_hydra_has_it_back():
+    code = """
+    import threading
+    from hydra import compose, initialize_config_module
+    import zoac
+
+    costs = []
+
+    def tune():
+        result = zoac.tune(task="lqr", tuner="random", budget=400, quiet=True)
+        costs.append(result.cost_mean)
+
+    with initialize_config_module("zoac.conf", version_base="1.3"):
+        mine = GlobalHydra.instance().hydra
+        tune()
+        assert GlobalHydra.instance().hydra is mine
+        compose("run")
+    threads = [threading.Thread(target=tune) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    print(json.dumps([len(costs), len(set(costs))]))
+    """
+    assert run(code) == [5, 1]
