@@ -10,17 +10,17 @@ from copy import deepcopy
 from functools import partial
 from typing import Annotated, Any, Literal
 
-import nevergrad as ng
 import numpy as np
 from pydantic import Field
 from scipy.optimize import minimize
 from sklearn.gaussian_process import GaussianProcessRegressor
 
 from zoac.baselines.acquisition import Acquisition
-from zoac.baselines.nevergrad import NevergradTuner
+from zoac.baselines.nevergrad import NevergradTuner, ng
 from zoac.numbers import Count, NonNegative, Positive, Share
 from zoac.outcomes import Outcomes
 from zoac.parameters import ParameterSpace
+from zoac.seeding import global_random_kept
 from zoac.state import OwnObject
 from zoac.tuner import Problem
 
@@ -87,13 +87,14 @@ class BayesOpt(NevergradTuner):
             "refit_growth": refit_growth,
             "max_observations": max_observations,
         }
-        factory = ng.families.ParametrizedBO(
-            init_budget=initial_design,
-            utility_kind=acquisition,
-            utility_kappa=kappa,
-            utility_xi=xi,
-            gp_parameters={"alpha": noise},
-        )
+        with global_random_kept():  # the library tries it out
+            factory = ng.families.ParametrizedBO(
+                init_budget=initial_design,
+                utility_kind=acquisition,
+                utility_kappa=kappa,
+                utility_xi=xi,
+                gp_parameters={"alpha": noise},
+            )
         super().__init__(
             problem,
             factory,
@@ -118,7 +119,7 @@ class BayesOpt(NevergradTuner):
 
     def _draw(self) -> list[np.ndarray]:
         # The library knows keys, which rank; the process needs numbers whose differences tell.
-        bo = self._optimizer.bo
+        bo = self._part("bo")
         rounded = partial(rounded_points, self._problem.space)
         bo.suggest = partial(suggest, bo, -self._costs.prices(self._seen), rounded=rounded)
         return super()._draw()
@@ -129,7 +130,7 @@ class BayesOpt(NevergradTuner):
             return super()._learn(outcomes)
 
     def _own_recommendation(self) -> np.ndarray | None:
-        bo = self._optimizer.bo
+        bo = self._part("bo")
         if self._recommendation != "mean" or not hasattr(bo._gp, "X_train_"):
             return super()._own_recommendation()
         points = bo.space.params

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-import nevergrad as ng
 import numpy as np
 from pydantic import Field
 
-from zoac.baselines.nevergrad import NevergradTuner
+from zoac.baselines.nevergrad import NevergradTuner, ng
 from zoac.errors import ConfigError
 from zoac.numbers import Count, Positive, Share
 from zoac.outcomes import Outcomes
@@ -89,7 +88,7 @@ class CmaEs(NevergradTuner):
     @property
     def _strategy(self) -> Any:
         """The `cma.CMAEvolutionStrategy` within."""
-        optimizer = self._optimizer.optim if self._by_library else self._optimizer
+        optimizer = self._part("optim") if self._by_library else self._optimizer
         with self._library():
             # The property `es` restarts a strategy that has converged: not for looking at it.
             return optimizer.es if optimizer._es is None else optimizer._es

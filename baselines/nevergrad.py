@@ -10,16 +10,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, ClassVar, Literal
 
-import nevergrad as ng
 import numpy as np
-from nevergrad.common.errors import InefficientSettingsWarning, TellNotAskedNotSupportedError
-from nevergrad.optimization import recaster
 
 from zoac.baselines.episodes import EpisodeTuner
 from zoac.errors import ConfigError, suggest
 from zoac.numbers import Count, Positive, Share
 from zoac.outcomes import Outcomes
+from zoac.seeding import global_random_kept
 from zoac.tuner import Problem
+
+with global_random_kept():  # the library draws while it is imported
+    import nevergrad as ng
+    from nevergrad.common.errors import InefficientSettingsWarning, TellNotAskedNotSupportedError
+    from nevergrad.optimization import recaster
 
 Optimizer = Any
 Factory = Callable[[Any, int, int], Optimizer]
@@ -158,6 +161,19 @@ class NevergradTuner(EpisodeTuner):
             self._global_random = np.random.get_state()  # noqa: NPY002
             np.random.set_state(outside)  # noqa: NPY002
 
+    @contextmanager
+    def _only_looking(self) -> Iterator[None]:
+        """Run library code that draws nothing which counts: some parts are made when looked at."""
+        globally = self._global_random
+        with self._library():
+            yield
+        self._global_random = globally
+
+    def _part(self, name: str) -> Any:
+        """Return an attribute of the optimiser."""
+        with self._only_looking():
+            return getattr(self._optimizer, name)
+
     def _batch(self) -> int:
         """Return the number of points per ask."""
         return self._workers
@@ -170,7 +186,8 @@ class NevergradTuner(EpisodeTuner):
             candidates = [self._optimizer.ask() for _ in range(n)]
         self._asked += candidates
         self._history.append(n)
-        return [np.array(candidate.value) for candidate in candidates]
+        with self._only_looking():
+            return [np.array(candidate.value) for candidate in candidates]
 
     def _learn(self, outcomes: Outcomes) -> dict[str, float]:
         return self._tell_library(outcomes.keys())
@@ -188,12 +205,11 @@ class NevergradTuner(EpisodeTuner):
     def _own_recommendation(self) -> np.ndarray | None:
         if self._optimizer.num_tell == 0:
             return self._first
-        own, globally = self._optimizer.parametrization.random_state, self._global_random
-        before = own.get_state()
-        with self._library():
+        with self._only_looking():
+            own = self._optimizer.parametrization.random_state
+            before = own.get_state()
             value = np.array(self._optimizer.provide_recommendation().value)
-        own.set_state(before)
-        self._global_random = globally
+            own.set_state(before)
         return value
 
     def _own_state(self) -> Any:

@@ -7,8 +7,20 @@ numbers never shifts anybody else's stream.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
+
+
+@contextmanager
+def global_random_kept() -> Iterator[None]:
+    """Leave numpy's global random state as it is, whatever a library draws from it."""
+    state = np.random.get_state()  # noqa: NPY002
+    try:
+        yield
+    finally:
+        np.random.set_state(state)  # noqa: NPY002
 
 
 def stream_seed(seed: int, name: str, index: int = 0) -> int:

@@ -35,7 +35,9 @@ OPTIONS = {"optuna": {"sampler": "tpe"}}
 def make(name, seed=0, episodes=None):
     config = tuner_config(name) | OPTIONS.get(name, {})
     try:
-        return build(config, "tuner", problem=problem(seed, episodes or EPISODES.get(name, 600)))
+        return build(
+            config, "tuner", Tuner, problem=problem(seed, episodes or EPISODES.get(name, 600))
+        )
     except ConfigError as error:
         if "pip install" in str(error):
             pytest.skip(str(error))
@@ -126,7 +128,7 @@ def test_a_tuner_that_is_given_start_values_begins_there_or_says_that_it_only_co
         config["recommendation"] = recommendation
     takes_a_start = "start" in config
     config |= {"start": "nominal"} if takes_a_start else {}
-    tuner = build(config, "tuner", problem=problem(nominal=START, baseline=START))
+    tuner = build(config, "tuner", Tuner, problem=problem(nominal=START, baseline=START))
     told = baseline_use(config, SimpleNamespace(nominal={"a": 0.0}), Settings())["start values"]
     if not takes_a_start:
         assert told == "only compared, the search does not begin there"
