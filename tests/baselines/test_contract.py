@@ -23,6 +23,7 @@ from zoac.build import baseline_use, build
 from zoac.errors import ConfigError
 from zoac.state import decode, encode
 from zoac.trainer import Settings
+from zoac.tuner import Tuner
 
 NAMES = sorted(path.stem for path in (CONF / "tuner").glob("*.yaml"))
 NEED_A_PICKLE = {"bo", "optuna"}  # docs/resuming.md names them
