@@ -18,11 +18,11 @@ import numpy as np
 import pandas as pd
 
 from zoac.analysis import cli
-from zoac.analysis.fairness import refuse_mixed, refuse_unequal
-from zoac.analysis.formatting import NOTHING, pipes
-from zoac.analysis.labels import TASKS, TUNERS
-from zoac.analysis.runs import Run
-from zoac.errors import RunFolderError
+from zoac.analysis.data.fairness import refuse_mixed, refuse_unequal
+from zoac.analysis.data.runs import Run
+from zoac.analysis.figures.labels import TASKS, TUNERS
+from zoac.analysis.pages.formatting import NOTHING, pipes
+from zoac.core.errors import RunFolderError
 
 REFERENCES = ("nominal", "best")
 ASIDE = ("budget", "mpc_solver", "executor")

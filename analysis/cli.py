@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from zoac.analysis.load import load
-from zoac.analysis.runs import WITHOUT_VARIANT, Collection
-from zoac.errors import ConfigError, ZoacError, suggest
-from zoac.output import reader_may_leave
+from zoac.analysis.data.load import load
+from zoac.analysis.data.runs import WITHOUT_VARIANT, Collection
+from zoac.cli.pipes import reader_may_leave
+from zoac.core.errors import ConfigError, ZoacError, suggest
 
 FORMATS = ("svg", "pdf", "png")
 

@@ -35,13 +35,13 @@ from zoac.analysis.compact_format import (
     TEXTS,
     TIMES,
 )
-from zoac.analysis.fairness import refuse_mixed
-from zoac.analysis.runs import Run, by_method
+from zoac.analysis.data.fairness import refuse_mixed
+from zoac.analysis.data.runs import Run, by_method
 
 OF_ONE_RUN = ("seed", "config_hash", "command", "started")
 """Keys of run.json that belong to a single run."""
 
-LEFT_OUT = ("z", "config_hash", "format")
+LEFT_OUT = ("x", "config_hash", "format")
 """Of a result: what follows from parameters and run.json."""
 
 OF_ONE_EVALUATION = ("kind", "final", "parameters", "episode_lengths")

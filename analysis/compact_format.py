@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from zoac.records import config_hash
+from zoac.runs.schema import config_hash
 
 RUNS, EVALUATIONS, METHODS = "runs.csv", "evaluations.csv", "methods.json"
 

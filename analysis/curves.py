@@ -1,7 +1,7 @@
 """Learning curves (Fig. 3): `python -m zoac.analysis.curves runs --out figures`.
 
 Mean over seeds of any logged number, against environment steps or time, with the 95% interval
-of `zoac.analysis.stats` shaded; for fewer than five seeds, their range.
+of `zoac.analysis.statistics.stats` shaded; for fewer than five seeds, their range.
 """
 
 from __future__ import annotations
@@ -16,18 +16,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from zoac.analysis import cli, style
-from zoac.analysis.fairness import refuse_mixed, refuse_unequal
-from zoac.analysis.frames import numbers
-from zoac.analysis.labels import METRICS, TASKS, family, method_labels
-from zoac.analysis.runs import Collection, Method, Run, by_method
-from zoac.analysis.stats import Scores, interquartile_mean, mean, step_value, summarise
-from zoac.errors import ConfigError, suggest
-from zoac.seeding import stream
+from zoac.analysis import cli
+from zoac.analysis.data.fairness import refuse_mixed, refuse_unequal
+from zoac.analysis.data.frames import numbers
+from zoac.analysis.data.runs import Collection, Method, Run, by_method
+from zoac.analysis.figures import style
+from zoac.analysis.figures.labels import METRICS, TASKS, family, method_labels
+from zoac.analysis.statistics.stats import Scores, interquartile_mean, mean, step_value, summarise
+from zoac.core.errors import ConfigError, suggest
+from zoac.core.seeding import stream
 
 AXES = ("env_steps", "wall_seconds", "compute_seconds")
 STATISTICS = {"mean": mean, "iqm": interquartile_mean}
-MOST_POINTS = 100
+MAX_POINTS = 100
 """Of a curve; against time, evaluations of different seeds never coincide."""
 
 
@@ -110,7 +111,7 @@ def all_panels(
         logged = _logged(run for group in groups.values() for run in group)
         for name in [metric] if metric else ["cost_mean", "prediction_error"]:
             if name in logged:
-                episodes = min(map(_fewest_episodes, (r for g in groups.values() for r in g)))
+                episodes = min(map(_min_episodes, (r for g in groups.values() for r in g)))
                 curves = (
                     _curve(g, [series(run, name, against, episodes) for run in g], name, statistic)
                     for g in groups.values()
@@ -188,7 +189,7 @@ def series(run: Run, metric: str, against: str, episodes: int) -> tuple[np.ndarr
     return np.array([r[against] for r in rows], float), np.array(values, float)
 
 
-def _fewest_episodes(run: Run) -> int:
+def _min_episodes(run: Run) -> int:
     return min(len(r["cost_per_episode"]) for r in run.metrics if r["kind"] == "eval")
 
 
@@ -207,8 +208,8 @@ def _curve(
         values = np.array([[y[-1]] for _, y in tracks])
     else:
         x = np.unique(np.concatenate([t for t, _ in tracks]).clip(first, last))
-        if len(x) > MOST_POINTS:
-            x = np.linspace(first, last, MOST_POINTS)
+        if len(x) > MAX_POINTS:
+            x = np.linspace(first, last, MAX_POINTS)
         values = np.array([[step_value(t, y, at) for at in x] for t, y in tracks])
     chosen = STATISTICS[statistic]
     centre, low, high = chosen(values.T), values.min(axis=0), values.max(axis=0)

@@ -18,13 +18,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from zoac.analysis import cli, replay, style
-from zoac.analysis.labels import unit_label
-from zoac.analysis.runs import Run, by_method
-from zoac.analysis.selection import chosen, median_run
-from zoac.errors import ConfigError, suggest
-from zoac.parameters import Parameter, ParameterSpace
-from zoac.task import Task
+from zoac.analysis import cli
+from zoac.analysis.data import replay
+from zoac.analysis.data.runs import Run, by_method
+from zoac.analysis.data.selection import chosen, median_run
+from zoac.analysis.figures import style
+from zoac.analysis.figures.labels import unit_label
+from zoac.core.errors import ConfigError, suggest
+from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.core.task import Task
 
 SMALLEST_SPAN = 0.1
 """Of a cost axis, as a share of the cost."""
@@ -88,7 +90,7 @@ def sliced(task: Task, run: Run, names: Sequence[str], points: int, episodes: in
     for name in names:
         if name not in _numbers(space):
             raise ConfigError(f"unknown parameter {name!r}; {suggest(name, _numbers(space))}")
-    centre = space.unit(run.outcome["parameters"])
+    centre = space.normalise(run.outcome["parameters"])
     grid = np.repeat(centre[None, None], points, axis=1).repeat(len(names), axis=0)
     for k, column in enumerate(space.coordinates.index(name) for name in names):
         grid[k, :, column] = np.linspace(-1.0, 1.0, points)

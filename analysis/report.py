@@ -9,19 +9,21 @@ import argparse
 from collections.abc import Sequence
 from html import escape
 
-from zoac.analysis import cli, html, report_run, style
-from zoac.analysis.comparison import Comparison, compare
+from zoac.analysis import cli
 from zoac.analysis.curves import all_panels, draw_panel
-from zoac.analysis.formatting import (
+from zoac.analysis.data.runs import Collection
+from zoac.analysis.data.selection import chosen
+from zoac.analysis.figures import style
+from zoac.analysis.figures.labels import METRICS, TASKS, family, method_labels
+from zoac.analysis.pages import html, run_page
+from zoac.analysis.pages.formatting import (
     NOTHING,
     bounds,
     number,
     plus_minus,
     without_empty_columns,
 )
-from zoac.analysis.labels import METRICS, TASKS, family, method_labels
-from zoac.analysis.runs import Collection
-from zoac.analysis.selection import chosen
+from zoac.analysis.statistics.comparison import Comparison, compare
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -76,7 +78,7 @@ def _task_section(collection: Collection, task: str, replay: bool) -> str:
     for k, run in enumerate(tuned):
         siblings = sum(other.method == run.method for other in runs)
         body.append(
-            report_run.details(run, labels[run.method], siblings, reference, replay, opened=k == 0)
+            run_page.details(run, labels[run.method], siblings, reference, replay, opened=k == 0)
         )
     return html.section(TASKS.get(task, task), *body)
 
@@ -113,7 +115,7 @@ def _comparison_table(comparison: Comparison) -> str:
             [
                 escape(s.label),
                 str(len(s.seeds)),
-                plus_minus(s.cost_spread),
+                plus_minus(s.cost_std),
                 bounds(s.cost),
                 number(s.iqm.estimate) if s.iqm else NOTHING,
                 number(s.minus_nominal.estimate, sign=True) if s.minus_nominal else NOTHING,

@@ -21,16 +21,18 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from zoac.analysis import cli, replay, style
-from zoac.analysis.formatting import number, pipes
-from zoac.analysis.frames import numbers
-from zoac.analysis.labels import unit_label
-from zoac.analysis.runs import Run
-from zoac.analysis.selection import chosen
-from zoac.build import NOTES
-from zoac.errors import ConfigError, RunFolderError, suggest
-from zoac.seeding import stream
-from zoac.task import Task
+from zoac.analysis import cli
+from zoac.analysis.data import replay
+from zoac.analysis.data.frames import numbers
+from zoac.analysis.data.runs import Run
+from zoac.analysis.data.selection import chosen
+from zoac.analysis.figures import style
+from zoac.analysis.figures.labels import unit_label
+from zoac.analysis.pages.formatting import number, pipes
+from zoac.config.factory import NOTES
+from zoac.core.errors import ConfigError, RunFolderError, suggest
+from zoac.core.seeding import stream
+from zoac.core.task import Task
 
 TAIL = 0.1
 """Share of the costliest episodes whose mean is the tail risk (CVaR)."""
@@ -173,7 +175,7 @@ def on_plant(run: Run, task: Task, values: Mapping[str, float]) -> Task:
         if not hasattr(task, "with_plant"):
             raise ConfigError("--vary: this run's task has no numbers that can be set")
         return task.with_plant({n.removeprefix("plant."): v for n, v in values.items()})
-    from zoac.results import task_from_config
+    from zoac.runs.result import task_from_config
 
     changed = deepcopy(dict(node))
     known = _numbers(node)
@@ -208,8 +210,8 @@ def _own_value(run: Run, name: str) -> float:
 def _points(run: Run, task: Task) -> dict[str, np.ndarray]:
     """Return the mapped parameters of each controller that is compared."""
     points = {TUNED: np.array(_mapped(run, task))}
-    if task.nominal is not None:
-        points[START] = task.space.unit(task.nominal)
+    if task.baseline is not None:
+        points[START] = task.space.normalise(task.baseline)
     return points
 
 
@@ -219,7 +221,7 @@ def _mapped(run: Run, task: Task) -> np.ndarray:
     missing = [name for name in names if name not in parameters]
     if missing:
         raise RunFolderError(f"{run.folder}: result.json has no {', '.join(missing)}")
-    return task.space.unit({name: parameters[name] for name in names})
+    return task.space.normalise({name: parameters[name] for name in names})
 
 
 def sensitivity(run: Run, episodes: int) -> list[Sensitivity]:

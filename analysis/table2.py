@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from zoac.analysis import cli
-from zoac.analysis.comparison import Comparison, compare
-from zoac.analysis.formatting import (
+from zoac.analysis.pages.formatting import (
     NOTHING,
     bounds,
     number,
@@ -21,33 +20,34 @@ from zoac.analysis.formatting import (
     plus_minus,
     without_empty_columns,
 )
-from zoac.analysis.stats import Spread
-from zoac.analysis.summaries import Summary
+from zoac.analysis.statistics.comparison import Comparison, compare
+from zoac.analysis.statistics.stats import MeanStd
+from zoac.analysis.statistics.summaries import Summary
 
 
 class PaperRow(NamedTuple):
     """One row of Table II as printed: (mean, standard deviation) each, or None."""
 
-    cost: Spread
-    prediction_error: Spread
-    seconds: Spread | None
+    cost: MeanStd
+    prediction_error: MeanStd
+    seconds: MeanStd | None
 
 
 NO_STD = float("nan")
 PAPER = {
     ("mpc_tracking", "zoac"): PaperRow(
-        Spread(41.7, 3.8), Spread(2.9e-4, 1.4e-4), Spread(6.5e3, 0.2e3)
+        MeanStd(41.7, 3.8), MeanStd(2.9e-4, 1.4e-4), MeanStd(6.5e3, 0.2e3)
     ),
     ("mpc_tracking_reg", "zoac"): PaperRow(
-        Spread(40.5, 3.2), Spread(9.6e-5, 4.5e-5), Spread(7.1e3, 0.1e3)
+        MeanStd(40.5, 3.2), MeanStd(9.6e-5, 4.5e-5), MeanStd(7.1e3, 0.1e3)
     ),
     ("mpc_tracking", "bo"): PaperRow(
-        Spread(51.3, 22.9), Spread(2.3e-4, 1.7e-4), Spread(2.7e4, 0.1e4)
+        MeanStd(51.3, 22.9), MeanStd(2.3e-4, 1.7e-4), MeanStd(2.7e4, 0.1e4)
     ),
     ("mpc_tracking", "cmaes"): PaperRow(
-        Spread(185.0, 184.6), Spread(4.4e-4, 2.9e-4), Spread(2.6e4, 0.1e4)
+        MeanStd(185.0, 184.6), MeanStd(4.4e-4, 2.9e-4), MeanStd(2.6e4, 0.1e4)
     ),
-    ("mpc_tracking", "nominal"): PaperRow(Spread(37.16, NO_STD), Spread(0.0, NO_STD), None),
+    ("mpc_tracking", "nominal"): PaperRow(MeanStd(37.16, NO_STD), MeanStd(0.0, NO_STD), None),
 }
 
 COLUMNS = (
@@ -160,7 +160,7 @@ def _cells(s: Summary) -> list[str]:
     return [
         s.label,
         f"{len(s.seeds)} of {wanted}" if s.missing else str(len(s.seeds)),
-        plus_minus(s.cost_spread),
+        plus_minus(s.cost_std),
         plus_minus(paper.cost if paper else None),
         plus_minus(s.prediction_error),
         plus_minus(paper.prediction_error if paper else None),
@@ -191,7 +191,7 @@ def _record(s: Summary) -> dict[str, Any]:
         record[f"{name}_high"] = interval.high if interval else None
     paper = PAPER.get((s.method.task, s.method.tuner))
     for name, value in (
-        ("cost", s.cost_spread),
+        ("cost", s.cost_std),
         ("prediction_error", s.prediction_error),
         ("violations", s.violations),
         ("wall_seconds", s.wall_seconds),

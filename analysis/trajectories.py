@@ -14,12 +14,14 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from zoac.analysis import cli, replay, style
-from zoac.analysis.labels import TASKS, method_labels
-from zoac.analysis.runs import Run
-from zoac.analysis.selection import chosen
-from zoac.segments import Segment
-from zoac.task import Task
+from zoac.analysis import cli
+from zoac.analysis.data import replay
+from zoac.analysis.data.runs import Run
+from zoac.analysis.data.selection import chosen
+from zoac.analysis.figures import style
+from zoac.analysis.figures.labels import TASKS, method_labels
+from zoac.core.segments import Segment
+from zoac.core.task import Task
 
 REFERENCE = "Reference"
 
@@ -59,7 +61,7 @@ def _command(options: argparse.Namespace) -> None:
     if options.variant is not None:
         collection = collection.of_variant(options.variant)
     if options.animate is not None:
-        from zoac.analysis import film
+        from zoac.analysis.figures import film
 
         run = chosen(collection, options.tuner, options.seed)[0]
         film.write(options.animate, run)

@@ -17,12 +17,12 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 
 from zoac.baselines.acquisition import Acquisition
 from zoac.baselines.nevergrad import NevergradTuner, ng
-from zoac.numbers import Count, NonNegative, Positive, Share
-from zoac.outcomes import Outcomes
-from zoac.parameters import ParameterSpace
-from zoac.seeding import global_random_kept
-from zoac.state import OwnObject
-from zoac.tuner import Problem
+from zoac.core.outcomes import Outcomes
+from zoac.core.parameters import ParameterSpace
+from zoac.core.seeding import global_random_kept
+from zoac.core.state import OwnObject
+from zoac.core.tuner import Problem
+from zoac.core.types import Count, Fraction, NonNegative, Positive
 
 Rounding = Callable[[np.ndarray], np.ndarray]
 
@@ -39,7 +39,7 @@ class BayesOpt(NevergradTuner):
         self,
         problem: Problem,
         *,
-        start: Literal["random", "nominal", "middle", "library"] = "random",
+        start: Literal["random", "baseline", "middle", "library"] = "random",
         initial_design: Count | None = None,
         noise: Positive = 1e-6,
         acquisition: Literal["ucb", "ei", "poi"] = "ucb",
@@ -49,7 +49,7 @@ class BayesOpt(NevergradTuner):
         max_observations: Annotated[int, Field(ge=10)] | None = 300,
         recommendation: Literal["library", "mean", "best_seen", "reevaluated"] = "library",
         reevaluate_top: Count = 10,
-        reevaluate_share: Share = 0.1,
+        reevaluate_fraction: Fraction = 0.1,
     ) -> None:
         """
         Args:
@@ -71,10 +71,10 @@ class BayesOpt(NevergradTuner):
                 points evaluated, the one of the lowest posterior mean as of the last ask; or see
                 `EpisodeTuner`.
             reevaluate_top: See `EpisodeTuner`.
-            reevaluate_share: See `EpisodeTuner`.
+            reevaluate_fraction: See `EpisodeTuner`.
 
         Raises:
-            ConfigError: If `start` is "nominal" and the task has no nominal parameters.
+            ConfigError: If `start` is "baseline" and the task has no baseline parameters.
         """
         self._seen = Outcomes.none()
         self._suggests_start = start != "library"
@@ -101,7 +101,7 @@ class BayesOpt(NevergradTuner):
             start=start,
             recommendation=recommendation,
             reevaluate_top=reevaluate_top,
-            reevaluate_share=reevaluate_share,
+            reevaluate_fraction=reevaluate_fraction,
         )
 
     def _make(self) -> Any:

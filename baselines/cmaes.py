@@ -8,10 +8,10 @@ import numpy as np
 from pydantic import Field
 
 from zoac.baselines.nevergrad import NevergradTuner, ng
-from zoac.errors import ConfigError
-from zoac.numbers import Count, Positive, Share
-from zoac.outcomes import Outcomes
-from zoac.tuner import Problem
+from zoac.core.errors import ConfigError
+from zoac.core.outcomes import Outcomes
+from zoac.core.tuner import Problem
+from zoac.core.types import Count, Fraction, Positive
 
 
 class CmaEs(NevergradTuner):
@@ -26,14 +26,14 @@ class CmaEs(NevergradTuner):
         self,
         problem: Problem,
         *,
-        start: Literal["random", "nominal", "middle"] = "random",
-        spread: Positive | None = None,
+        start: Literal["random", "baseline", "middle"] = "random",
+        initial_sigma: Positive | None = None,
         population: Annotated[int, Field(ge=2)] | None = None,
         covariance: Literal["full", "diagonal"] | None = None,
         elitist: bool | None = None,
         recommendation: Literal["library", "mean", "best_seen", "reevaluated"] = "library",
         reevaluate_top: Count = 10,
-        reevaluate_share: Share = 0.1,
+        reevaluate_fraction: Fraction = 0.1,
     ) -> None:
         """
         Four options are the library's choice where they are None. With any of them given, the
@@ -49,17 +49,17 @@ class CmaEs(NevergradTuner):
             elitist: The best point so far stays in the population.
             recommendation: "library"; "mean" of the search distribution; or see `EpisodeTuner`.
             reevaluate_top: See `EpisodeTuner`.
-            reevaluate_share: See `EpisodeTuner`.
+            reevaluate_fraction: See `EpisodeTuner`.
 
         Raises:
-            ConfigError: If there is a single parameter, or `start` is "nominal" and the task has no
-                nominal parameters.
+            ConfigError: If there is a single parameter, or `start` is "baseline" and the task has
+                no baseline parameters.
         """
         if problem.space.dimension == 1:
             raise ConfigError(
                 "CMA-ES needs two parameters or more; for one use tuner=zoac_plus, bo or optuna"
             )
-        chosen = (spread, population, covariance, elitist)
+        chosen = (initial_sigma, population, covariance, elitist)
         self._by_library = all(option is None for option in chosen)
         textbook = ng.families.ParametrizedCMA(
             scale=1.0,
@@ -71,19 +71,21 @@ class CmaEs(NevergradTuner):
             problem,
             ng.optimizers.registry["CMA"] if self._by_library else textbook,
             start=start,
-            spread=None if self._by_library else self._mutation(problem, spread or 0.5),
+            initial_sigma=None
+            if self._by_library
+            else self._mutation(problem, initial_sigma or 0.5),
             # With more workers the library would enlarge the population to their number.
             workers=None if self._by_library else 1,
             recommendation=recommendation,
             reevaluate_top=reevaluate_top,
-            reevaluate_share=reevaluate_share,
+            reevaluate_fraction=reevaluate_fraction,
         )
 
     @staticmethod
-    def _mutation(problem: Problem, spread: float) -> float:
+    def _mutation(problem: Problem, initial_sigma: float) -> float:
         """Return Nevergrad's mutation standard deviation that gives CMA-ES this spread."""
         factor = 0.3 if problem.space.dimension < 18 else 0.15  # the library's, for a bounded box
-        return spread / factor
+        return initial_sigma / factor
 
     @property
     def _strategy(self) -> Any:
@@ -98,7 +100,7 @@ class CmaEs(NevergradTuner):
 
     def _learn(self, outcomes: Outcomes) -> dict[str, float]:
         metrics = super()._learn(outcomes)
-        return {**metrics, "spread": float(self._strategy.sigma) * self._spread}
+        return {**metrics, "initial_sigma": float(self._strategy.sigma) * self._initial_sigma}
 
     def _own_recommendation(self) -> np.ndarray | None:
         if self._recommendation != "mean":
@@ -112,7 +114,7 @@ class CmaEs(NevergradTuner):
         strategy = self._strategy
         return {
             **super().describe(),
-            "spread": float(strategy.sigma0) * self._spread,
+            "initial_sigma": float(strategy.sigma0) * self._initial_sigma,
             "population": int(strategy.popsize),
             "covariance": "diagonal" if strategy.opts["CMA_diagonal"] else "full",
             "elitist": bool(strategy.opts["CMA_elitist"]),

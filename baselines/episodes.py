@@ -8,21 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from zoac.errors import ConfigError
-from zoac.held_out import HeldOut
-from zoac.numbers import Count, Share
-from zoac.outcomes import CostRange, Outcomes, bad_is_infinite, cost_sums
-from zoac.segments import Proposal, Segment
-from zoac.tuner import Problem, Tuner
+from zoac.core.errors import ConfigError
+from zoac.core.outcomes import CostRange, Outcomes, bad_is_infinite, cost_sums
+from zoac.core.segments import Proposal, Segment
+from zoac.core.tuner import Problem, Tuner
+from zoac.core.types import Count, Fraction
+from zoac.strategies.held_out import HeldOut
 
 
 class EpisodeTuner(Tuner):
     """A tuner that sees nothing of an episode but its undiscounted cost.
 
     A subclass draws points in `_draw` and learns from their costs in `_learn`. This class spreads
-    them over the lanes, remembers the best single episodes, and re-evaluates them if asked to.
+    them over the environments, remembers the best single episodes, and re-evaluates them if asked
+    to.
 
-    Episodes rank as `zoac.outcomes` says. One whose cost is not finite is never a best one.
+    Episodes rank as `zoac.core.outcomes` says. One whose cost is not finite is never a best one.
     """
 
     def __init__(
@@ -31,7 +32,7 @@ class EpisodeTuner(Tuner):
         *,
         recommendation: str,
         reevaluate_top: Count = 10,
-        reevaluate_share: Share = 0.1,
+        reevaluate_fraction: Fraction = 0.1,
     ) -> None:
         """
         Args:
@@ -40,13 +41,13 @@ class EpisodeTuner(Tuner):
                 "reevaluated": the best of the cheapest after more episodes; any other: the
                 subclass's own.
             reevaluate_top: How many of the cheapest are re-evaluated.
-            reevaluate_share: The last share of the budget, spent on it.
+            reevaluate_fraction: The last share of the budget, spent on it.
         """
         self._problem = problem
         self._rng = problem.rng("tuner")
         self._recommendation = recommendation
-        self._share = reevaluate_share if recommendation == "reevaluated" else 0.0
-        self._search_steps = int(problem.budget * (1.0 - self._share))
+        self._fraction = reevaluate_fraction if recommendation == "reevaluated" else 0.0
+        self._search_steps = int(problem.budget * (1.0 - self._fraction))
         self._steps, self._batch_size = 0, 0
         self._costs = CostRange()
         self._best = _Best(reevaluate_top, problem.space.dimension)
@@ -79,27 +80,27 @@ class EpisodeTuner(Tuner):
         """Put back what `_own_state` returned."""
 
     def _starting_point(self, start: str) -> np.ndarray:
-        """Return the mapped parameters (d,) of a start: "random", "nominal" or the "middle".
+        """Return the mapped parameters (d,) of a start: "random", "baseline" or the "middle".
 
         Nominal ones are also what is recommended while no cost is known.
 
         Raises:
-            ConfigError: If it is "nominal" and the task has no nominal parameters.
+            ConfigError: If it is "baseline" and the task has no baseline parameters.
         """
         if start == "random":
             return self._rng.uniform(-1.0, 1.0, self._problem.space.dimension)
-        if start == "nominal":
-            self._unknown = nominal_point(self._problem, "start: nominal")
+        if start == "baseline":
+            self._unknown = baseline_point(self._problem, "start: baseline")
         return self._unknown.copy()
 
     def ask(self) -> list[Proposal]:
         """Return one whole episode per point."""
-        if self._share and self._final is None and self._search_is_over():
+        if self._fraction and self._final is None and self._search_is_over():
             self._final = _Reevaluation(self._problem, self._best)
         if self._final is not None:
             return self._final.ask(episodes=1)
-        lanes = self._problem.lanes
-        return [Proposal(z=np.array(z), lane=i % lanes) for i, z in enumerate(self._draw())]
+        num_envs = self._problem.num_envs
+        return [Proposal(x=np.array(x), env_index=i % num_envs) for i, x in enumerate(self._draw())]
 
     def _search_is_over(self) -> bool:
         """Tell whether it is time to re-evaluate; with a small budget, while there is enough."""
@@ -118,7 +119,7 @@ class EpisodeTuner(Tuner):
             return self._final.numbers(segments)
         outcomes = Outcomes.of(segments)
         finite = np.isfinite(outcomes.violations)
-        self._best.add(np.stack([s.proposal.z for s in segments]), outcomes)
+        self._best.add(np.stack([s.proposal.x for s in segments]), outcomes)
         self._costs.add(outcomes)
         metrics = {"cost_mean": float(outcomes.costs[finite].mean())} if finite.any() else {}
         metrics["cost_not_finite"] = float((~finite).sum())
@@ -130,21 +131,21 @@ class EpisodeTuner(Tuner):
         """Return what the option `recommendation` says; while nothing is known, start or middle."""
         if self._final is not None and self._final.begun:
             return self._final.best
-        z = None
+        x = None
         if self._recommendation not in ("best_seen", "reevaluated"):
-            z = self._own_recommendation()
-        if z is None and len(self._best):
-            z = self._best.points[0]
-        if z is None:
-            z = self._unknown
-        return self._problem.space.clip(np.array(z, dtype=np.float64))
+            x = self._own_recommendation()
+        if x is None and len(self._best):
+            x = self._best.points[0]
+        if x is None:
+            x = self._unknown
+        return self._problem.space.clip(np.array(x, dtype=np.float64))
 
     def describe(self) -> dict[str, Any]:
         """Return the choices that all baselines have."""
         chosen: dict[str, Any] = {"recommendation": self._recommendation}
-        if self._share:
+        if self._fraction:
             chosen["reevaluate_top"] = self._best.size
-            chosen["reevaluate_share"] = self._share
+            chosen["reevaluate_fraction"] = self._fraction
         return chosen
 
     def state(self) -> Any:
@@ -172,15 +173,15 @@ class EpisodeTuner(Tuner):
             self._final.restore(state["final"])
 
 
-def nominal_point(problem: Problem, wanted_by: str) -> np.ndarray:
-    """Return a copy of the task's nominal mapped parameters (d,).
+def baseline_point(problem: Problem, wanted_by: str) -> np.ndarray:
+    """Return a copy of the task's baseline mapped parameters (d,).
 
     Raises:
         ConfigError: If the task has none.
     """
-    if problem.nominal is None:
-        raise ConfigError(f"{wanted_by} needs a task with nominal parameters; this one has none")
-    return np.array(problem.nominal, dtype=np.float64)
+    if problem.start is None:
+        raise ConfigError(f"{wanted_by} needs a task with baseline parameters; this one has none")
+    return np.array(problem.start, dtype=np.float64)
 
 
 class _Best:
@@ -216,8 +217,8 @@ class _Reevaluation(HeldOut):
 
     def __init__(self, problem: Problem, best: _Best) -> None:
         super().__init__(problem, "reevaluation")
-        for z in best.points:
-            self.enter(z)
+        for x in best.points:
+            self.enter(x)
         self._seen = best.costs
         self._told = np.zeros(len(best))  # sums of the costs that a tuner is told, as `_seen` are
         self.enter_baseline()

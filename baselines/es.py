@@ -8,9 +8,9 @@ import numpy as np
 
 from zoac.algorithm.adam import Adam
 from zoac.baselines.episodes import EpisodeTuner
-from zoac.numbers import Count, Positive, Share
-from zoac.outcomes import Outcomes
-from zoac.tuner import Problem
+from zoac.core.outcomes import Outcomes
+from zoac.core.tuner import Problem
+from zoac.core.types import Count, Fraction, Positive
 
 
 class EvolutionStrategy(EpisodeTuner):
@@ -24,10 +24,10 @@ class EvolutionStrategy(EpisodeTuner):
         sigma: Positive = 0.1,
         step_size: Positive = 0.05,
         standardise_costs: bool = True,
-        start: Literal["random", "nominal", "middle"] = "random",
+        start: Literal["random", "baseline", "middle"] = "random",
         recommendation: Literal["mean", "best_seen", "reevaluated"] = "mean",
         reevaluate_top: Count = 10,
-        reevaluate_share: Share = 0.1,
+        reevaluate_fraction: Fraction = 0.1,
     ) -> None:
         """
         Args:
@@ -40,16 +40,16 @@ class EvolutionStrategy(EpisodeTuner):
             start: Where the search distribution's mean starts.
             recommendation: "mean" of the search distribution, or see `EpisodeTuner`.
             reevaluate_top: See `EpisodeTuner`.
-            reevaluate_share: See `EpisodeTuner`.
+            reevaluate_fraction: See `EpisodeTuner`.
 
         Raises:
-            ConfigError: If `start` is "nominal" and the task has no nominal parameters.
+            ConfigError: If `start` is "baseline" and the task has no baseline parameters.
         """
         super().__init__(
             problem,
             recommendation=recommendation,
             reevaluate_top=reevaluate_top,
-            reevaluate_share=reevaluate_share,
+            reevaluate_fraction=reevaluate_fraction,
         )
         self._population = population
         self._sigma = sigma
@@ -89,7 +89,7 @@ class EvolutionStrategy(EpisodeTuner):
         return {
             "start": self._start,
             "population": self._population,
-            "spread": self._sigma,
+            "initial_sigma": self._sigma,
             "step_size": self._step_size,
             "standardise_costs": self._standardise,
             **super().describe(),

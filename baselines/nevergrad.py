@@ -13,11 +13,11 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from zoac.baselines.episodes import EpisodeTuner
-from zoac.errors import ConfigError, suggest
-from zoac.numbers import Count, Positive, Share
-from zoac.outcomes import Outcomes
-from zoac.seeding import global_random_kept
-from zoac.tuner import Problem
+from zoac.core.errors import ConfigError, suggest
+from zoac.core.outcomes import Outcomes
+from zoac.core.seeding import global_random_kept
+from zoac.core.tuner import Problem
+from zoac.core.types import Count, Fraction, Positive
 
 with global_random_kept():  # the library draws while it is imported
     import nevergrad as ng
@@ -28,7 +28,7 @@ Optimizer = Any
 Factory = Callable[[Any, int, int], Optimizer]
 """Parametrization, number of evaluations, number of workers -> optimiser."""
 
-LIBRARY_SPREAD = 1.0 / 3.0
+LIBRARY_SIGMA = 1.0 / 3.0
 """Nevergrad's mutation standard deviation for bounds [-1, 1]: a sixth of their distance."""
 
 
@@ -82,40 +82,40 @@ class NevergradTuner(EpisodeTuner):
         factory: Factory,
         *,
         start: str,
-        spread: float | None = None,
+        initial_sigma: float | None = None,
         workers: int | None = None,
         recommendation: str,
         reevaluate_top: int,
-        reevaluate_share: float,
+        reevaluate_fraction: float,
     ) -> None:
         """
         Args:
             problem: What is tuned.
             factory: Makes the optimiser.
-            start: "random", "nominal" or "middle": the parametrization's initial value.
+            start: "random", "baseline" or "middle": the parametrization's initial value.
             spread: Standard deviation of Nevergrad's mutations, in the mapped box; None: the
                 library's.
             workers: How many evaluations the library plans for at a time; None: the number of
-                lanes, or 1 for an optimiser that allows no more.
+                environments, or 1 for an optimiser that allows no more.
             recommendation: "library": the optimiser's own; or see `EpisodeTuner`.
             reevaluate_top: See `EpisodeTuner`.
-            reevaluate_share: See `EpisodeTuner`.
+            reevaluate_fraction: See `EpisodeTuner`.
 
         Raises:
             ConfigError: If the optimiser needs a package that is not installed, or `start` is
-                "nominal" and the task has no nominal parameters.
+                "baseline" and the task has no baseline parameters.
         """
         super().__init__(
             problem,
             recommendation=recommendation,
             reevaluate_top=reevaluate_top,
-            reevaluate_share=reevaluate_share,
+            reevaluate_fraction=reevaluate_fraction,
         )
         self._factory = factory
         self._start = start
-        self._spread = LIBRARY_SPREAD if spread is None else spread
+        self._initial_sigma = LIBRARY_SIGMA if initial_sigma is None else initial_sigma
         one_by_one = getattr(factory, "no_parallelization", False)
-        self._workers = workers or (1 if one_by_one else problem.lanes)
+        self._workers = workers or (1 if one_by_one else problem.num_envs)
         self._first = self._starting_point(start)
         self._seed = int(self._rng.integers(2**32))
         self._begin()
@@ -130,7 +130,7 @@ class NevergradTuner(EpisodeTuner):
     def _make(self) -> Optimizer:
         with self._library():
             box = ng.p.Array(init=self._first, lower=-1.0, upper=1.0)
-            box.set_mutation(sigma=self._spread)
+            box.set_mutation(sigma=self._initial_sigma)
             box.random_state.seed(self._seed)
             return self._factory(box, self.search_episodes, self._workers)
 
@@ -239,7 +239,7 @@ class NevergradTuner(EpisodeTuner):
 class Nevergrad(NevergradTuner):
     """The optimiser called `name` in Nevergrad's registry.
 
-    Some optimisers ignore an initial value, so nominal parameters are its first point as well.
+    Some optimisers ignore an initial value, so baseline parameters are its first point as well.
     """
 
     def __init__(
@@ -247,23 +247,23 @@ class Nevergrad(NevergradTuner):
         problem: Problem,
         *,
         name: str = "TwoPointsDE",
-        start: Literal["random", "nominal", "middle"] = "random",
-        spread: Positive | None = None,
+        start: Literal["random", "baseline", "middle"] = "random",
+        initial_sigma: Positive | None = None,
         recommendation: Literal["library", "best_seen", "reevaluated"] = "library",
         reevaluate_top: Count = 10,
-        reevaluate_share: Share = 0.1,
+        reevaluate_fraction: Fraction = 0.1,
     ) -> None:
         """
         Args:
             problem: What is tuned.
             name: A name in `nevergrad.optimizers.registry`.
-            start: The value that the optimiser starts from; some ignore it, but nominal parameters
+            start: The value that the optimiser starts from; some ignore it, but baseline parameters
                 are then evaluated first.
             spread: Standard deviation of Nevergrad's mutations in the mapped box; None: the
                 library's.
             recommendation: "library": the optimiser's own; or see `EpisodeTuner`.
             reevaluate_top: See `EpisodeTuner`.
-            reevaluate_share: See `EpisodeTuner`.
+            reevaluate_fraction: See `EpisodeTuner`.
 
         Raises:
             ConfigError: If there is no optimiser of that name, or see `NevergradTuner`.
@@ -275,18 +275,18 @@ class Nevergrad(NevergradTuner):
             problem,
             registry[name],
             start=start,
-            spread=spread,
+            initial_sigma=initial_sigma,
             recommendation=recommendation,
             reevaluate_top=reevaluate_top,
-            reevaluate_share=reevaluate_share,
+            reevaluate_fraction=reevaluate_fraction,
         )
 
     def _make(self) -> Optimizer:
         optimizer = super()._make()
-        if self._start == "nominal":
+        if self._start == "baseline":
             optimizer.suggest(self._first)
         return optimizer
 
     def describe(self) -> dict[str, Any]:
         """Return the choices that a fair comparison must show."""
-        return {**super().describe(), "spread": self._spread}
+        return {**super().describe(), "initial_sigma": self._initial_sigma}

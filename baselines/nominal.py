@@ -7,20 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from zoac.baselines.episodes import nominal_point
-from zoac.segments import Proposal, Segment
-from zoac.tuner import Problem, Tuner
+from zoac.baselines.episodes import baseline_point
+from zoac.core.segments import Proposal, Segment
+from zoac.core.tuner import Problem, Tuner
 
 
 class NominalTuner(Tuner):
-    """Asks for nothing and recommends the nominal parameters."""
+    """Asks for nothing and recommends the baseline parameters."""
 
     def __init__(self, problem: Problem) -> None:
         """
         Raises:
-            ConfigError: If the task has no nominal parameters.
+            ConfigError: If the task has no baseline parameters.
         """
-        self._nominal = nominal_point(problem, "tuner=nominal")
+        self._nominal = baseline_point(problem, "tuner=nominal")
 
     def ask(self) -> list[Proposal]:
         """Return nothing: there is nothing to find out."""
@@ -31,7 +31,7 @@ class NominalTuner(Tuner):
         return {}
 
     def recommend(self) -> np.ndarray:
-        """Return the nominal parameters."""
+        """Return the baseline parameters."""
         return self._nominal.copy()
 
     def state(self) -> Any:

@@ -14,12 +14,12 @@ from scipy.stats import rankdata
 
 from zoac.baselines.bo import kept_observations
 from zoac.baselines.episodes import EpisodeTuner
-from zoac.errors import ConfigError
-from zoac.numbers import Count, Share
-from zoac.outcomes import Outcomes
-from zoac.parameters import Parameter, ParameterSpace
-from zoac.state import OwnObject
-from zoac.tuner import Problem
+from zoac.core.errors import ConfigError
+from zoac.core.outcomes import Outcomes
+from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.core.state import OwnObject
+from zoac.core.tuner import Problem
+from zoac.core.types import Count, Fraction
 
 try:
     import optuna
@@ -42,10 +42,10 @@ class Optuna(EpisodeTuner):
         initial_design: Count = 20,
         costs: Literal["normal_scores", "raw"] = "normal_scores",
         max_observations: Annotated[int, Field(ge=10)] | None = 500,
-        start: Literal["random", "nominal", "middle"] = "random",
+        start: Literal["random", "baseline", "middle"] = "random",
         recommendation: Literal["best_seen", "reevaluated"] = "best_seen",
         reevaluate_top: Count = 10,
-        reevaluate_share: Share = 0.1,
+        reevaluate_fraction: Fraction = 0.1,
     ) -> None:
         """
         Args:
@@ -60,16 +60,16 @@ class Optuna(EpisodeTuner):
             start: The first point.
             recommendation: The library's own is "best_seen"; see `EpisodeTuner`.
             reevaluate_top: See `EpisodeTuner`.
-            reevaluate_share: See `EpisodeTuner`.
+            reevaluate_fraction: See `EpisodeTuner`.
 
         Raises:
-            ConfigError: If `start` is "nominal" and the task has no nominal parameters.
+            ConfigError: If `start` is "baseline" and the task has no baseline parameters.
         """
         super().__init__(
             problem,
             recommendation=recommendation,
             reevaluate_top=reevaluate_top,
-            reevaluate_share=reevaluate_share,
+            reevaluate_fraction=reevaluate_fraction,
         )
         self._options: dict[str, Any] = {
             "sampler": sampler,
@@ -90,7 +90,7 @@ class Optuna(EpisodeTuner):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             study = self._study()
-            trials = [study.ask(self._distributions) for _ in range(self._problem.lanes)]
+            trials = [study.ask(self._distributions) for _ in range(self._problem.num_envs)]
         points = [point_of(trial.params, self._problem.space) for trial in trials]
         if not began:
             points[0] = self._first
@@ -140,7 +140,7 @@ class Optuna(EpisodeTuner):
         return {
             "library": f"optuna {optuna.__version__}",
             **self._options,
-            "batch": self._problem.lanes,
+            "batch": self._problem.num_envs,
             **super().describe(),
         }
 
@@ -154,27 +154,27 @@ def _distribution(p: Parameter) -> Any:
     return optuna.distributions.FloatDistribution(-1.0, 1.0)
 
 
-def params_of(z: np.ndarray, space: ParameterSpace) -> dict[str, float | int]:
+def params_of(x: np.ndarray, space: ParameterSpace) -> dict[str, float | int]:
     """Return a point (d,) of the mapped box as Optuna's parameters, options as positions."""
-    values = space.values(z)
+    values = space.values(x)
     params: dict[str, float | int] = {}
     for p, columns, value in zip(space.parameters, space.columns, values, strict=True):
         if p.kind == "choice":
-            params[p.name] = int(z[columns].argmax())
+            params[p.name] = int(x[columns].argmax())
         else:
-            params[p.name] = int(value) if p.kind == "integer" else float(z[columns][0])
+            params[p.name] = int(value) if p.kind == "integer" else float(x[columns][0])
     return params
 
 
 def point_of(params: Mapping[str, float | int], space: ParameterSpace) -> np.ndarray:
     """Return the rounded point (d,) of the mapped box that has Optuna's parameters."""
-    z = np.full(space.dimension, -1.0)
+    x = np.full(space.dimension, -1.0)
     for p, columns in zip(space.parameters, space.columns, strict=True):
         if p.kind == "choice":
-            z[columns.start + int(params[p.name])] = 1.0
+            x[columns.start + int(params[p.name])] = 1.0
         else:
-            z[columns] = p.share(params[p.name]) if p.kind == "integer" else params[p.name]
-    return z
+            x[columns] = p.centre(params[p.name]) if p.kind == "integer" else params[p.name]
+    return x
 
 
 def _sampler(kind: str, initial_design: int, seed: int) -> Any:

@@ -7,9 +7,9 @@ from typing import Any, Literal
 import numpy as np
 
 from zoac.baselines.episodes import EpisodeTuner
-from zoac.numbers import Count, Share
-from zoac.outcomes import Outcomes
-from zoac.tuner import Problem
+from zoac.core.outcomes import Outcomes
+from zoac.core.tuner import Problem
+from zoac.core.types import Count, Fraction
 
 
 class RandomSearch(EpisodeTuner):
@@ -21,18 +21,18 @@ class RandomSearch(EpisodeTuner):
         *,
         recommendation: Literal["best_seen", "reevaluated"] = "best_seen",
         reevaluate_top: Count = 10,
-        reevaluate_share: Share = 0.1,
+        reevaluate_fraction: Fraction = 0.1,
     ) -> None:
         """See `EpisodeTuner` for the options."""
         super().__init__(
             problem,
             recommendation=recommendation,
             reevaluate_top=reevaluate_top,
-            reevaluate_share=reevaluate_share,
+            reevaluate_fraction=reevaluate_fraction,
         )
 
     def _draw(self) -> list[np.ndarray]:
-        size = (self._problem.lanes, self._problem.space.dimension)
+        size = (self._problem.num_envs, self._problem.space.dimension)
         return list(self._rng.uniform(-1.0, 1.0, size))
 
     def _learn(self, outcomes: Outcomes) -> dict[str, float]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import zoac
-from zoac.policies import linear, neural
+from zoac.controllers.neural import linear, neural
 
 
 @dataclass(frozen=True)

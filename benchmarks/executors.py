@@ -1,7 +1,7 @@
 """Environment steps per second of serial and process executors: `python -m benchmarks.executors`.
 
-Drives ten lanes of mpc_tracking at the nominal parameters through ZOAC-shaped iterations; the
-executors take turns, so that the ratio holds when the machine's speed drifts.
+Drives ten environments of mpc_tracking at the nominal parameters through ZOAC-shaped iterations;
+the executors take turns, so that the ratio holds when the machine's speed drifts.
 """
 
 from __future__ import annotations
@@ -13,25 +13,25 @@ from collections.abc import Sequence
 import numpy as np
 
 import zoac
-from zoac.executor import Executor, Serial
-from zoac.process import Process
-from zoac.segments import Proposal
+from zoac.core.segments import Proposal
+from zoac.executors.base import Executor, Serial
+from zoac.executors.process import Process
 
 
 def steps_per_second(
-    solver: str, lanes: int, workers: Sequence[int], rounds: int
+    solver: str, num_envs: int, workers: Sequence[int], rounds: int
 ) -> dict[int, list[float]]:
     """Return each round's rate for each number of workers, of which 0 means serial."""
     task = zoac.make_task("mpc_tracking", mpc_solver=solver)
-    assert task.nominal is not None
-    z = task.space.unit(task.nominal)
-    proposals = [Proposal(z, lane, 20) for _ in range(5) for lane in range(lanes)]
+    assert task.baseline is not None
+    x = task.space.normalise(task.baseline)
+    proposals = [Proposal(x, env_index, 20) for _ in range(5) for env_index in range(num_envs)]
     executors: dict[int, Executor] = {
         count: Process(workers=count) if count else Serial() for count in workers
     }
     rates: dict[int, list[float]] = {count: [] for count in workers}
     for executor in executors.values():
-        executor.start(task, lanes, seed=0)
+        executor.start(task, num_envs, seed=0)
         executor.rollout(proposals)  # compiles
     for _ in range(rounds):
         for count, executor in executors.items():
@@ -46,13 +46,13 @@ def steps_per_second(
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--solver", default="clarabel")
-    parser.add_argument("--lanes", type=int, default=10)
+    parser.add_argument("--environments", type=int, default=10)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=7)
     options = parser.parse_args()
     if options.workers < 1:
         parser.error("--workers: at least 1; serial is always the other side")
-    rates = steps_per_second(options.solver, options.lanes, (0, options.workers), options.rounds)
+    rates = steps_per_second(options.solver, options.num_envs, (0, options.workers), options.rounds)
     serial, process = (np.array(measured) for measured in rates.values())
     for name, measured in (("serial", serial), ("process", process)):
         print(f"{name:8} {np.median(measured):10,.0f} steps/s")

@@ -2,10 +2,10 @@
 
 All ways solve the same problems, ten at a time in turn, so that a busy machine slows all of them
 alike; medians over these tens, of CPU time per problem, are compared. One thread, parameters from
-the whole box. The default path takes the ten as lanes side by side, as a run does. States are the
-starts of episodes or, with `--after`, those that the same parameters led to in so many steps.
-Each way takes a ten once uncounted, then up to eight times, of which the median counts: in a run
-its code and memory are in the caches, here another way has just driven them out.
+the whole box. The default path takes the ten as environments side by side, as a run does. States
+are the starts of episodes or, with `--after`, those that the same parameters led to in so many
+steps. Each way takes a ten once uncounted, then up to eight times, of which the median counts: in a
+run its code and memory are in the caches, here another way has just driven them out.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ import cvxpy as cp
 import numpy as np
 
 from tests.mpc_tracking.oracle import NonlinearMpc
-from zoac.mpc.policy import MpcOptions
-from zoac.mpc.solvers.base import LinearisedProblem, Solution
+from zoac.core.seeding import stream
+from zoac.mpc.formulation import Layout, build_problem, write_parameters
+from zoac.mpc.problem import LinearisedProblem, Solution
 from zoac.mpc.solvers.clarabel_qp import _STEP_FRACTIONS, ClarabelSolver
 from zoac.mpc.solvers.riccati import Riccati
 from zoac.mpc.solvers.scaling import units
-from zoac.mpc.solvers.statement import Layout, state_problem, write_parameters
-from zoac.seeding import stream
-from zoac.tasks.mpc_tracking import MpcTrackingLanes, TrackingMpc
+from zoac.mpc.sqp import MpcOptions
+from zoac.tasks.mpc_tracking import MpcTrackingVecEnv, TrackingMpc
 from zoac.tasks.mpc_tracking.controller import SPACE
 
 Way = Callable[[slice], object]
@@ -40,13 +40,13 @@ ANEW = "CVXPY problem built anew"
 PROBLEM_SOLVE = "CVXPY problem.solve(), best formulated"
 ONE_QP = "default path, one QP"
 STEP = "default path, three linearisations"
-STEP_ALONE = "default path, the same, one lane alone"
-STRUCTURED = "riccati, three linearisations, ten lanes"
+STEP_ALONE = "default path, the same, one environment alone"
+STRUCTURED = "riccati, three linearisations, ten environments"
 IPOPT = "CasADi + IPOPT, built once"
 
 
 TEN = 10
-MOST_COUNTED, ENOUGH_SECONDS = 8, 0.05  # of a ten, for each way
+MAX_COUNTED, ENOUGH_SECONDS = 8, 0.05  # of a ten, for each way
 
 
 class Recorder(ClarabelSolver):
@@ -56,9 +56,9 @@ class Recorder(ClarabelSolver):
         super().__init__()
         self.problems: list[LinearisedProblem] = []
 
-    def solve(self, problem: LinearisedProblem, careful: bool = False) -> Solution:
+    def solve(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
         self.problems.append(problem)
-        return super().solve(problem, careful)
+        return super().solve(problem, robust)
 
 
 class Stopwatch:
@@ -105,7 +105,7 @@ def solve_built_anew(problem: LinearisedProblem) -> None:
 def problem_solve(problem: LinearisedProblem) -> Callable[[LinearisedProblem], None]:
     """Return `problem.solve()` at its fastest: warm start on, the fast path's settings."""
     layout = Layout.of(problem)
-    statement = state_problem(layout)
+    formulation = build_problem(layout)
     dynamics, weights = np.empty((1, layout.dynamics_size)), np.empty((1, layout.weights_size))
     settings = {
         **dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-10),
@@ -117,8 +117,8 @@ def problem_solve(problem: LinearisedProblem) -> Callable[[LinearisedProblem], N
 
     def solve(problem: LinearisedProblem) -> None:
         write_parameters(problem, layout, units(problem), dynamics, weights)
-        statement.dynamics.value, statement.weights.value = dynamics[0], weights[0]
-        statement.problem.solve(solver=cp.CLARABEL, warm_start=True, **settings)
+        formulation.dynamics.value, formulation.weights.value = dynamics[0], weights[0]
+        formulation.problem.solve(solver=cp.CLARABEL, warm_start=True, **settings)
 
     return solve
 
@@ -136,12 +136,12 @@ def one_by_one(function: Callable[[int], object]) -> Way:
 def ways(problems: int, after: int) -> tuple[dict[str, Way], Stopwatch]:
     """Return every way as a function of a slice of problems, and a watch on `ONE_QP`."""
     z = stream(0, "benchmark").uniform(-1.0, 1.0, (problems, SPACE.dimension))
-    values, params = SPACE.values(z), SPACE.physical(z)
-    lanes = MpcTrackingLanes(problems)
-    observations = lanes.reset(seed=0)[0]
+    values, params = SPACE.values(z), SPACE.denormalise(z)
+    num_envs = MpcTrackingVecEnv(problems)
+    observations = num_envs.reset(seed=0)[0]
     driver = TrackingMpc(Riccati())
     for _ in range(after):
-        observations = lanes.step(driver.act(params, observations, {})[0])[0]
+        observations = num_envs.step(driver.act(params, observations, {})[0])[0]
 
     def act(controller: TrackingMpc) -> Way:
         return lambda which: controller.act(
@@ -175,7 +175,7 @@ def seconds_of(function: Way, which: slice) -> float:
     """Return the CPU seconds that `function` typically takes for the problems of a slice."""
     function(which)  # not counted: the way before left cold caches
     counted: list[float] = []
-    while len(counted) < MOST_COUNTED and sum(counted) < ENOUGH_SECONDS:
+    while len(counted) < MAX_COUNTED and sum(counted) < ENOUGH_SECONDS:
         began = time.thread_time()
         function(which)
         counted.append(time.thread_time() - began)

@@ -13,12 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from tests.mpc_tracking.oracle import NonlinearMpc
-from zoac.mpc.policy import MpcOptions
+from zoac.core.seeding import stream, stream_seed
+from zoac.core.segments import Proposal, Segment
+from zoac.core.task import Diagnostics, Memory, Parameters, Task
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
-from zoac.rollout import LaneGroup
-from zoac.seeding import stream, stream_seed
-from zoac.segments import Proposal, Segment
-from zoac.task import Diagnostics, Memory, Parameters, Task
+from zoac.mpc.sqp import MpcOptions
+from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.mpc_tracking import MpcTracking
 from zoac.tasks.mpc_tracking.controller import NOMINAL, SPACE
 from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH, INPUT_LOW
@@ -30,7 +30,7 @@ VARIANTS = {
     "3": MpcOptions(linearisations=3),
     "5": MpcOptions(linearisations=5),
     "converged": MpcOptions(linearisations="converged"),
-    "1, shifted plan": MpcOptions(linearisations=1, linearise_about="shifted_plan"),
+    "1, shifted plan": MpcOptions(linearisations=1, initial_guess="shifted"),
 }
 
 
@@ -59,12 +59,12 @@ class IpoptTracking(MpcTracking):
         return Ipopt()
 
 
-def episodes(task: Task, z: np.ndarray, starts: int) -> list[Segment]:
-    """Return `starts` episodes for each row of `z`, the same starts for all."""
-    group = LaneGroup(task, range(10), range(10))
+def episodes(task: Task, x: np.ndarray, starts: int) -> list[Segment]:
+    """Return `starts` episodes for each row of `x`, the same starts for all."""
+    group = RolloutEngine(task, range(10), range(10))
     proposals = [
-        Proposal(row, lane=k % 10, seed=stream_seed(0, "agreement", k))
-        for row in z
+        Proposal(row, env_index=k % 10, seed=stream_seed(0, "agreement", k))
+        for row in x
         for k in range(starts)
     ]
     return group.rollout(proposals)
@@ -77,15 +77,15 @@ def replayed(options: MpcOptions, reference: Sequence[Segment]) -> np.ndarray:
     memory = controller.init(len(reference))
     for t in range(max(s.length for s in reference)):
         obs = np.stack([s.observations[min(t, s.length - 1)] for s in reference])
-        params = SPACE.physical(np.stack([s.proposal.z for s in reference]))
+        params = SPACE.denormalise(np.stack([s.proposal.x for s in reference]))
         action, memory, _ = controller.act(params, obs, memory)
         actions.append(action)
     return np.concatenate([np.array(actions)[: s.length, i] for i, s in enumerate(reference)])
 
 
-def table(name: str, z: np.ndarray, starts: int) -> None:
-    """Print one table of disagreement over the parameter vectors `z` (n, 19)."""
-    reference = episodes(IpoptTracking(solver=SOLVER), z, starts)
+def table(name: str, x: np.ndarray, starts: int) -> None:
+    """Print one table of disagreement over the parameter vectors `x` (n, 19)."""
+    reference = episodes(IpoptTracking(solver=SOLVER), x, starts)
     failed = np.concatenate([s.diagnostics["failed"] for s in reference])
     actions = np.concatenate([s.commands for s in reference])[~failed]
     costs = np.array([s.costs.sum() for s in reference])
@@ -94,7 +94,7 @@ def table(name: str, z: np.ndarray, starts: int) -> None:
     print("| linearisations | off by > 1e-4 | off by > 1% | largest | cost: median | 90% | mean |")
     print("|---|---|---|---|---|---|---|")
     for label, options in VARIANTS.items():
-        own = episodes(MpcTracking(solver=SOLVER, mpc=options), z, starts)
+        own = episodes(MpcTracking(solver=SOLVER, mpc=options), x, starts)
         relative = np.abs(np.array([s.costs.sum() for s in own]) / costs - 1)
         mean = sum(s.costs.sum() for s in own) / costs.sum() - 1
         off = np.abs(replayed(options, reference)[~failed] - actions) / (INPUT_HIGH - INPUT_LOW)
@@ -111,9 +111,9 @@ def main() -> None:
     parser.add_argument("--vectors", type=int, default=20, help="random parameter vectors")
     parser.add_argument("--starts", type=int, default=2, help="starts for each")
     arguments = parser.parse_args()
-    table("nominal parameters", SPACE.unit(NOMINAL)[None], arguments.starts)
-    z = stream(0, "agreement").uniform(-1.0, 1.0, (arguments.vectors, SPACE.dimension))
-    table("the whole box", z, arguments.starts)
+    table("nominal parameters", SPACE.normalise(NOMINAL)[None], arguments.starts)
+    x = stream(0, "agreement").uniform(-1.0, 1.0, (arguments.vectors, SPACE.dimension))
+    table("the whole box", x, arguments.starts)
 
 
 if __name__ == "__main__":

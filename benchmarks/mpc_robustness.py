@@ -7,10 +7,10 @@ import argparse
 import numpy as np
 
 from tests.mpc.problems import box_points, duality_gap, objective, tracking_problems
-from zoac.mpc.solvers.base import Status
+from zoac.core.seeding import stream
+from zoac.mpc.problem import Status
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.cvxpy_qp import CvxpySolver
-from zoac.seeding import stream
 from zoac.tasks.mpc_tracking import TrackingMpc, path
 from zoac.tasks.mpc_tracking.controller import SPACE
 
@@ -60,7 +60,7 @@ def stress(wanted: int) -> None:
     while solves < wanted:
         z = rng.uniform(-1.0, 1.0, (BATCH, SPACE.dimension))
         observations = random_observations(BATCH, rng)
-        actions, _, diagnostics = controller.act(SPACE.physical(z), observations, {})
+        actions, _, diagnostics = controller.act(SPACE.denormalise(z), observations, {})
         solves += int(diagnostics["linearisations"].sum())
         retried += int(diagnostics["solver_retried"].sum())
         not_finite += int((~np.isfinite(actions)).sum())

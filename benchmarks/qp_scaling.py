@@ -25,8 +25,8 @@ from benchmarks.figures import FIGURES, pyplot, save
 from benchmarks.qp_solvers import LANES, closed_loop_problems
 from benchmarks.qp_ways import OURS, PEERS, Way, cpu_seconds, installed
 from tests.mpc.problems import dense_problems
-from zoac.mpc.policy import _PER_LANE, _take
-from zoac.mpc.solvers.base import LinearisedProblem
+from zoac.mpc.problem import LinearisedProblem
+from zoac.mpc.sqp import _PER_ENV, _take
 
 HORIZONS = (10, 25, 50, 100, 200)
 STATES = (2, 4, 6, 8, 12, 16, 24)
@@ -72,7 +72,7 @@ def grow(
 
 def merge(problems: Sequence[LinearisedProblem]) -> LinearisedProblem:
     """Return all lanes of `problems` as one problem."""
-    arrays = {name: np.concatenate([getattr(p, name) for p in problems]) for name in _PER_LANE}
+    arrays = {name: np.concatenate([getattr(p, name) for p in problems]) for name in _PER_ENV}
     return replace(problems[0], **arrays)
 
 

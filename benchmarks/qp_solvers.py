@@ -32,12 +32,12 @@ from tests.riccati.oracle import (
     solve_condensed,
     solve_in_extended_precision,
 )
-from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
+from zoac.core.seeding import stream
+from zoac.core.segments import Proposal
+from zoac.mpc.problem import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.riccati import Riccati
-from zoac.rollout import LaneGroup
-from zoac.seeding import stream
-from zoac.segments import Proposal
+from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.mpc_tracking import MpcTracking
 from zoac.tasks.mpc_tracking.controller import SPACE
 
@@ -51,16 +51,16 @@ class Recorder(Riccati):
         super().__init__()
         self.problems: list[LinearisedProblem] = []
 
-    def solve(self, problem: LinearisedProblem, careful: bool = False) -> Solution:
+    def solve(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
         if len(problem.a) == LANES:
             self.problems.append(replace(problem, inputs=problem.inputs.copy()))
-        return super().solve(problem, careful)
+        return super().solve(problem, robust)
 
 
 def closed_loop_problems(count: int) -> list[LinearisedProblem]:
     """Return `count` problems of ten lanes, as a tuner meets them."""
     recorder = Recorder()
-    group = LaneGroup(MpcTracking(solver=recorder), range(LANES), range(LANES))
+    group = RolloutEngine(MpcTracking(solver=recorder), range(LANES), range(LANES))
     rng = stream(0, "qp_solvers")
     while len(recorder.problems) < 4 * count:
         z = rng.uniform(-1.0, 1.0, (LANES, SPACE.dimension))

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tests.riccati.oracle import bounds, condense
-from zoac.mpc.solvers.base import LinearisedProblem, Solver
+from zoac.mpc.problem import LinearisedProblem, Solver
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.riccati import Riccati
 
@@ -278,19 +278,19 @@ def hpipm_way() -> Way:
     return lane_by_lane(prepare)
 
 
-def our_way(make: Callable[[], Solver], careful: bool = False) -> Way:
+def our_way(make: Callable[[], Solver], robust: bool = False) -> Way:
     """Return a solver of the project as one call for all lanes."""
     solver = make()
 
     def prepare(problem: LinearisedProblem) -> Batch:
-        return [lambda: solver.solve(problem, careful).inputs - problem.inputs]
+        return [lambda: solver.solve(problem, robust).inputs - problem.inputs]
 
     return prepare
 
 
 OURS = {
     "riccati": partial(our_way, Riccati),
-    "riccati, careful": partial(our_way, Riccati, careful=True),
+    "riccati, careful": partial(our_way, Riccati, robust=True),
     "clarabel": partial(our_way, ClarabelSolver),
 }
 PEERS = {

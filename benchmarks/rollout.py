@@ -1,7 +1,7 @@
 """Environment steps per second of the engine without learning: `python -m benchmarks.rollout`.
 
 Drives PID-ACC through ZOAC-shaped segments (10 steps) and through whole episodes, for several
-numbers of lanes, in one process.
+numbers of environments, in one process.
 """
 
 from __future__ import annotations
@@ -11,18 +11,20 @@ import time
 
 import numpy as np
 
-from zoac.rollout import LaneGroup
-from zoac.segments import Proposal
+from zoac.core.segments import Proposal
+from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.pid_acc import PidAcc
 
 
-def steps_per_second(lanes: int, horizon: int | None, seconds: float = 2.0) -> float:
-    """Return the rate at `lanes` lanes for segments of `horizon` steps; None: whole episodes."""
+def steps_per_second(num_envs: int, horizon: int | None, seconds: float = 2.0) -> float:
+    """Return the rate at `environments` environments for segments of `horizon` steps; None: whole episodes."""
     task = PidAcc()
-    z = task.space.unit(task.nominal)
-    group = LaneGroup(task, range(lanes), range(lanes))
+    x = task.space.normalise(task.baseline)
+    group = RolloutEngine(task, range(num_envs), range(num_envs))
     repeat = 1 if horizon is None else 4
-    proposals = [Proposal(z, lane, horizon) for _ in range(repeat) for lane in range(lanes)]
+    proposals = [
+        Proposal(x, env_index, horizon) for _ in range(repeat) for env_index in range(num_envs)
+    ]
     group.rollout(proposals)  # compiles
     steps, begun = 0, time.perf_counter()
     while (spent := time.perf_counter() - begun) < seconds:
@@ -32,10 +34,10 @@ def steps_per_second(lanes: int, horizon: int | None, seconds: float = 2.0) -> f
 
 def main() -> None:
     argparse.ArgumentParser(description=__doc__).parse_args()
-    print("lanes  segments of 10 [steps/s]  whole episodes [steps/s]")
-    for lanes in (1, 10, 100, 1000):
-        rates = [steps_per_second(lanes, horizon) for horizon in (10, None)]
-        print(f"{lanes:5d}  {rates[0]:24,.0f}  {rates[1]:24,.0f}")
+    print("environments  segments of 10 [steps/s]  whole episodes [steps/s]")
+    for num_envs in (1, 10, 100, 1000):
+        rates = [steps_per_second(num_envs, horizon) for horizon in (10, None)]
+        print(f"{num_envs:5d}  {rates[0]:24,.0f}  {rates[1]:24,.0f}")
 
 
 if __name__ == "__main__":

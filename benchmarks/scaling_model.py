@@ -1,7 +1,8 @@
-"""How a tuner's throughput grows with lanes and workers: `python -m benchmarks.scaling_model`.
+"""How a tuner's throughput grows with environments and workers: `python -m
+benchmarks.scaling_model`.
 
 A discrete-event model of synchronous iterations: the tuner asks, every worker steps its group of
-lanes through their segments while the tuner learns from the last ones, the slowest ends the
+environments through their segments while the tuner learns from the last ones, the slowest ends the
 iteration. It draws the figures of `docs/scaling.md` and, with `--measure`, is held to the executors
 themselves, driving an environment that sleeps instead of computing.
 """
@@ -19,12 +20,12 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from benchmarks.figures import FIGURES, pyplot, save
-from zoac.environment import ArrayLanes
-from zoac.executor import Executor, Serial
-from zoac.parameters import Parameter, ParameterSpace
-from zoac.process import Process
-from zoac.segments import Proposal
-from zoac.task import Task
+from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.core.segments import Proposal
+from zoac.core.task import Task
+from zoac.envs.base import ArrayVecEnv
+from zoac.executors.base import Executor, Serial
+from zoac.executors.process import Process
 
 
 @dataclass(frozen=True)
@@ -32,11 +33,11 @@ class Plant:
     """What a step costs.
 
     Args:
-        step: Seconds of one lane's environment step and control law.
+        step: Seconds of one environment's environment step and control law.
         spread: Standard deviation of a segment's duration over its mean, from simulators whose
             steps take unequal time.
-        together: Whether lanes of one worker are stepped in one vectorised call that takes as long
-            as one lane's step, instead of one after the other.
+        together: Whether environments of one worker are stepped in one vectorised call that takes
+            as long as one environment's step, instead of one after the other.
     """
 
     step: float
@@ -51,7 +52,7 @@ class Costs:
     Args:
         message: To hand one worker its request and take its reply, in the main process.
         proposal: To do so for each proposal in it.
-        vector_step: The engine's own time for a step of one worker's lanes side by side.
+        vector_step: The engine's own time for a step of one worker's environments side by side.
         begin: The engine's own time to begin and end a segment.
         learning: The tuner's own time for each environment step (critic, gradient).
     """
@@ -66,7 +67,7 @@ class Costs:
 def iteration_seconds(
     plant: Plant,
     costs: Costs,
-    lanes: int,
+    num_envs: int,
     workers: int,
     segment: int,
     segments: int,
@@ -77,13 +78,13 @@ def iteration_seconds(
     Args:
         plant: The simulator.
         costs: The rest.
-        lanes: Lanes n.
-        workers: Processes or actors; 0: all lanes in the main process.
+        environments: Environments n.
+        workers: Processes or actors; 0: all environments in the main process.
         segment: Steps N of a segment.
-        segments: Segments H of a lane in an iteration.
+        segments: Segments H of an environment in an iteration.
         rng: For the segments' durations.
     """
-    groups = [len(g) for g in np.array_split(np.arange(lanes), min(workers, lanes) or 1)]
+    groups = [len(g) for g in np.array_split(np.arange(num_envs), min(workers, num_envs) or 1)]
     mean = plant.step * segment
     ends = []
     now = 0.0
@@ -94,12 +95,13 @@ def iteration_seconds(
         if plant.spread:
             # Gamma: positive, with the given spread; a simulator that stalls stalls for long.
             durations = rng.gamma(plant.spread**-2, mean * plant.spread**2, durations.shape)
-        # Side by side: the slowest lane of each step counts. One after the other: they add up.
+        # Side by side: the slowest environment of each step counts. One after the other: they add
+        # up.
         spent = durations.max(axis=0).sum() if plant.together else durations.sum()
         engine = segments * (segment * costs.vector_step + group * costs.begin)
         ends.append((now + spent + engine, group))
     # The critic learns from the last iteration while workers run, else when they have run.
-    learning = costs.learning * lanes * segment * segments
+    learning = costs.learning * num_envs * segment * segments
     if workers:
         now += learning
     for end, group in sorted(ends):
@@ -112,7 +114,7 @@ def iteration_seconds(
 def throughput(
     plant: Plant,
     costs: Costs,
-    lanes: int,
+    num_envs: int,
     workers: int,
     segment: int = 20,
     segments: int = 5,
@@ -121,14 +123,14 @@ def throughput(
     """Return environment steps per second of wall clock, over `rounds` iterations."""
     rng = np.random.default_rng(0)
     spent = sum(
-        iteration_seconds(plant, costs, lanes, workers, segment, segments, rng)
+        iteration_seconds(plant, costs, num_envs, workers, segment, segments, rng)
         for _ in range(rounds if plant.spread else 1)
     )
-    return (rounds if plant.spread else 1) * lanes * segment * segments / spent
+    return (rounds if plant.spread else 1) * num_envs * segment * segments / spent
 
 
-class SleepingLanes(ArrayLanes):
-    """One number that nothing changes; a step takes `seconds` for each active lane."""
+class SleepingVecEnv(ArrayVecEnv):
+    """One number that nothing changes; a step takes `seconds` for each active environment."""
 
     def __init__(self, n: int, seconds: float) -> None:
         box = Box(-np.inf, np.inf, (1,), np.float64)
@@ -136,8 +138,8 @@ class SleepingLanes(ArrayLanes):
         self._seconds = seconds
         self.arrays = {"x": np.zeros((n, 1))}
 
-    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
-        self.arrays["x"][lane] = 0.0
+    def _start(self, env_index: int, rng: np.random.Generator, demonstration: bool) -> None:
+        self.arrays["x"][env_index] = 0.0
 
     def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         time.sleep(self._seconds * self.num_envs)
@@ -165,16 +167,20 @@ class SleepingTask(Task):
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds
 
-    def make_env(self, n: int) -> SleepingLanes:
-        return SleepingLanes(n, self._seconds)
+    def make_env(self, n: int) -> SleepingVecEnv:
+        return SleepingVecEnv(n, self._seconds)
 
     def make_controller(self) -> _Idle:
         return _Idle()
 
 
-def measured(executor: Executor, lanes: int, segment: int, segments: int, rounds: int) -> float:
+def measured(executor: Executor, num_envs: int, segment: int, segments: int, rounds: int) -> float:
     """Return the least seconds of an iteration's rollout; the executor is started."""
-    plan = [Proposal(np.zeros(1), lane, segment) for _ in range(segments) for lane in range(lanes)]
+    plan = [
+        Proposal(np.zeros(1), env_index, segment)
+        for _ in range(segments)
+        for env_index in range(num_envs)
+    ]
     executor.rollout(plan)
     spent = []
     for _ in range(rounds):
@@ -186,18 +192,20 @@ def measured(executor: Executor, lanes: int, segment: int, segments: int, rounds
 
 def calibrate(rounds: int = 25) -> Costs:
     """Return the costs of this machine, from rollouts of an environment that takes no time."""
-    lanes = 8
+    num_envs = 8
     seconds = {}
     for name, executor in (("serial", Serial()), ("process", Process(workers=1))):
-        executor.start(SleepingTask(0.0), lanes, seed=0)
+        executor.start(SleepingTask(0.0), num_envs, seed=0)
         for segment, segments in ((1, 1), (1, 33), (97, 1)):
-            seconds[name, segment, segments] = measured(executor, lanes, segment, segments, rounds)
+            seconds[name, segment, segments] = measured(
+                executor, num_envs, segment, segments, rounds
+            )
         executor.close()
     vector_step = (seconds["serial", 97, 1] - seconds["serial", 1, 1]) / 96
-    begin = ((seconds["serial", 1, 33] - seconds["serial", 1, 1]) / 32 - vector_step) / lanes
+    begin = ((seconds["serial", 1, 33] - seconds["serial", 1, 1]) / 32 - vector_step) / num_envs
     wire = {n: seconds["process", 1, n] - seconds["serial", 1, n] for n in (1, 33)}
-    proposal = (wire[33] - wire[1]) / (lanes * 32)
-    return Costs(max(0.0, wire[1] - lanes * proposal), proposal, vector_step, begin, 0.0)
+    proposal = (wire[33] - wire[1]) / (num_envs * 32)
+    return Costs(max(0.0, wire[1] - num_envs * proposal), proposal, vector_step, begin, 0.0)
 
 
 def compare(worker_counts: Sequence[int], rounds: int) -> list[float]:
@@ -205,22 +213,22 @@ def compare(worker_counts: Sequence[int], rounds: int) -> list[float]:
     costs = calibrate()
     print(costs)
     ratios = []
-    lanes, segment, segments = 8, 10, 2
+    num_envs, segment, segments = 8, 10, 2
     for asked in (5e-4, 2e-3, 1e-2):
         # A sleep oversleeps: what it really takes is an input of the model.
         slept = []
         for _ in range(30):
             begun = time.perf_counter()
-            time.sleep(asked * lanes)
+            time.sleep(asked * num_envs)
             slept.append(time.perf_counter() - begun)
-        plant = Plant(min(slept) / lanes)
+        plant = Plant(min(slept) / num_envs)
         for workers in worker_counts:
             executor: Executor = Process(workers=workers) if workers else Serial()
-            executor.start(SleepingTask(asked), lanes, seed=0)
-            found = measured(executor, lanes, segment, segments, rounds)
+            executor.start(SleepingTask(asked), num_envs, seed=0)
+            found = measured(executor, num_envs, segment, segments, rounds)
             executor.close()
             rng = np.random.default_rng(0)
-            told = iteration_seconds(plant, costs, lanes, workers, segment, segments, rng)
+            told = iteration_seconds(plant, costs, num_envs, workers, segment, segments, rng)
             ratios.append(found / told)
             print(
                 f"step {asked:.0e} s, {workers or 'no'} workers: measured {found:.4f} s, "
@@ -243,7 +251,7 @@ def draw(costs: Costs, folder: Path = FIGURES) -> None:
         axes[0].loglog(counts, ups, marker=".", label=f"{step:g} s")
     axes[0].loglog(counts, counts, color="0.6", linestyle=":", label="ideal")
     axes[0].set(
-        xlabel="workers", ylabel="speed-up over one process", title="256 lanes, equal steps"
+        xlabel="workers", ylabel="speed-up over one process", title="256 environments, equal steps"
     )
     axes[0].legend(title="one step takes", fontsize=7, title_fontsize=7)
     for spread in (0.0, 0.2, 0.5, 1.0, 2.0):
@@ -252,7 +260,7 @@ def draw(costs: Costs, folder: Path = FIGURES) -> None:
         ups = [throughput(plant, costs, 256, int(w)) / alone for w in counts]
         axes[1].loglog(counts, ups, marker=".", label=f"{spread:g}")
     axes[1].loglog(counts, counts, color="0.6", linestyle=":")
-    axes[1].set(xlabel="workers", title="256 lanes, 0.1 s a step, unequal segments")
+    axes[1].set(xlabel="workers", title="256 environments, 0.1 s a step, unequal segments")
     axes[1].legend(title="spread of a segment", fontsize=7, title_fontsize=7)
     save(figure, folder / "scaling_workers.svg")
 
@@ -265,14 +273,18 @@ def draw(costs: Costs, folder: Path = FIGURES) -> None:
         ten = budget / throughput(plant, costs, 10, 10) / 3600
         axes[0].loglog([10], [ten], "o", color=line.get_color(), fillstyle="none")
     axes[0].set(
-        xlabel="workers", ylabel="hours", title="500,000 steps, 256 lanes (o: 10 lanes, 10 workers)"
+        xlabel="workers",
+        ylabel="hours",
+        title="500,000 steps, 256 environments (o: 10 environments, 10 workers)",
     )
     axes[0].legend(title="one step takes", fontsize=7, title_fontsize=7)
     some = np.array([1, 2, 4, 10, 20, 50, 100, 256])
     for segment, segments in ((5, 1), (10, 4), (20, 5)):
         updates = budget / (some * segment * segments)
         axes[1].loglog(some, updates, marker=".", label=f"N = {segment}, H = {segments}")
-    axes[1].set(xlabel="lanes", ylabel="updates of the parameters", title="what 500,000 steps buy")
+    axes[1].set(
+        xlabel="num_envs", ylabel="updates of the parameters", title="what 500,000 steps buy"
+    )
     axes[1].legend(fontsize=7)
     save(figure, folder / "scaling_time.svg")
 

@@ -21,9 +21,9 @@ from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from zoac.config import compose_config, resolved
-from zoac.environment import ArrayLanes
-from zoac.session import run_session
+from zoac.config.compose import compose_config, resolved
+from zoac.envs.base import ArrayVecEnv
+from zoac.training.lifecycle import run_session
 
 SHORT = ("budget=500", "evaluation.episodes=1", "evaluation.final_episodes=1")
 
@@ -88,7 +88,7 @@ def timed_run(overrides: Sequence[str], in_environments: list[float]) -> float:
 def main() -> None:
     in_environments: list[float] = []
     for name in ("step", "reset"):
-        setattr(ArrayLanes, name, timed(getattr(ArrayLanes, name), in_environments))
+        setattr(ArrayVecEnv, name, timed(getattr(ArrayVecEnv, name), in_environments))
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

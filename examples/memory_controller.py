@@ -75,7 +75,7 @@ def main():
         budget=options.budget,
         quiet=True,
     )
-    print(f"cost {result.cost_mean:.2f}, by hand {result.start_cost_mean:.2f}")
+    print(f"cost {result.cost_mean:.2f}, by hand {result.baseline_cost_mean:.2f}")
     print(result.export(options.out).read_text())
 
 

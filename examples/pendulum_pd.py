@@ -55,8 +55,8 @@ def main():
     options = parser.parse_args()
     for seed in range(options.seeds):
         result = tune(seed, options.budget, options.episodes)
-        saved = 1.0 - result.cost_mean / result.start_cost_mean
-        print(f"seed {seed}: cost {result.cost_mean:.1f}, by hand {result.start_cost_mean:.1f}: "
+        saved = 1.0 - result.cost_mean / result.baseline_cost_mean
+        print(f"seed {seed}: cost {result.cost_mean:.1f}, by hand {result.baseline_cost_mean:.1f}: "
               f"{saved:.0%} less")  # fmt: skip
     print({name: round(value, 3) for name, value in result.parameters.items()})
 

@@ -23,7 +23,7 @@ from zoac import run
 
 # What does begin to run must soon be over.
 SHORT = [
-    "budget=40", "eval_every=40", "evaluation.episodes=1", "evaluation.final_episodes=1", "lanes=1",
+    "budget=40", "eval_every=40", "evaluation.episodes=1", "evaluation.final_episodes=1", "num_envs=1",
     "task.max_episode_steps=20",
 ]  # fmt: skip
 FOLDER = Path("runs/pid_acc/zoac/seed=0/variant=mine")
@@ -143,7 +143,7 @@ CASES = [
     Case("mpc_solver=clarabell", ("'clarabell'", "did you mean 'clarabel'")),
     Case("fidelity=papre", ("'papre'", "did you mean 'paper'")),
     Case("logger=wandbb", ("'wandbb'", "did you mean 'wandb'")),
-    Case("method=our", ("'our'", "did you mean 'ours'")),
+    Case("method=our", ("'our'", "did you mean 'zoac'")),
     Case("experiment=tabel2", ("'tabel2'", "did you mean 'table2'")),
     Case("tuner=nevergrad tuner.name=PSOO", ("'PSOO'", "did you mean 'PSO'")),
     # How it is written.
@@ -169,8 +169,8 @@ CASES = [
     Case("budget=1.5", ("budget=1.5", "whole number")),
     Case("budget=1e99", ("budget=1e99", "whole number")),
     Case("budget=-1", ("budget=-1", "greater than or equal to 0")),
-    Case("lanes=0", ("lanes=0", "greater than or equal to 1")),
-    Case("lanes=1000000000000", ("lanes=1000000000000", "less than or equal to 100000")),
+    Case("num_envs=0", ("num_envs=0", "greater than or equal to 1")),
+    Case("num_envs=1000000000000", ("num_envs=1000000000000", "less than or equal to 100000")),
     Case("eval_every=0", ("eval_every=0", "greater than or equal to 1")),
     Case("evaluation.episodes=0", ("evaluation.episodes=0", "greater than or equal to 1")),
     Case("evaluation.final_episodes=many", ("evaluation.final_episodes=many", "whole number")),
@@ -179,10 +179,10 @@ CASES = [
     Case("checkpoint_seconds=inf", ("checkpoint_seconds", "inf", "finite")),
     Case("checkpoint_seconds=-1", ("checkpoint_seconds=-1", "greater than or equal to 0")),
     Case("checkpoint_seconds=x", ("checkpoint_seconds=x", "a number")),
-    Case("scout=0", ("scout=0", "greater than or equal to 1")),
-    Case("scout=two", ("scout=two", "whole number")),
-    Case("tuner=random scout=4", ("scout=4", "this tuner takes none")),
-    Case("common_episodes=maybe", ("common_episodes=maybe", "true or false")),
+    Case("initial_samples=0", ("initial_samples=0", "greater than or equal to 1")),
+    Case("initial_samples=two", ("initial_samples=two", "whole number")),
+    Case("tuner=random initial_samples=4", ("initial_samples=4", "this tuner takes none")),
+    Case("common_random_numbers=maybe", ("common_random_numbers=maybe", "true or false")),
     Case("failure_penalty=nan", ("failure_penalty", "NaN", "finite")),
     Case("failure_penalty=high", ("failure_penalty=high", "a number")),
     Case("resume=maybe", ("maybe", "auto, never, overwrite")),
@@ -206,7 +206,7 @@ CASES = [
     Case("tuner=cmaes tuner.population=0", ("tuner.population=0", "greater than")),
     Case("tuner=bo tuner.acquisition=ubc", ("'ubc'", "did you mean 'ucb'")),
     Case("tuner=es tuner.start=nominl", ("'nominl'", "did you mean 'nominal'")),
-    Case("tuner=random tuner.reevaluate_share=1.5", ("tuner.reevaluate_share=1.5", "less than")),
+    Case("tuner=random tuner.reevaluate_fraction=1.5", ("tuner.reevaluate_fraction=1.5", "less than")),
     Case("task.jerk=rat", ("task.jerk='rat'", "did you mean 'rate'")),
     Case("task.preceding_std=-1", ("task.preceding_std=-1", "greater than or equal to 0")),
     Case("task.max_episode_steps=0", ("task.max_episode_steps=0", "greater than or equal to 1")),

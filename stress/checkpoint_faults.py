@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from zoac import checkpoint
+from zoac.runs import checkpoint
 
 
 def child(folder: Path, die_at: int, acknowledged: Path) -> int:

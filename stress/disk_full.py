@@ -16,9 +16,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from zoac import checkpoint, records
-from zoac.errors import RunFolderError
-from zoac.runlog import RunLog
+from zoac.core.errors import RunFolderError
+from zoac.runs import checkpoint, schema
+from zoac.runs.log import RunLog
 
 SIZE = 4 * 2**20
 
@@ -106,8 +106,8 @@ def stopped_by_a_full_disk(disk: Path, moment: str, train: Any) -> str:
         message = str(error)
     else:
         raise AssertionError(f"a disk that is full at a {moment} stopped nothing")
-    records.read_run(folder)
-    records.read_metrics(folder)
+    schema.read_run(folder)
+    schema.read_metrics(folder)
     checkpoint.load(folder / "checkpoint")
     (disk / "ballast").unlink()
     return message
@@ -116,7 +116,7 @@ def stopped_by_a_full_disk(disk: Path, moment: str, train: Any) -> str:
 def main() -> None:
     """Fill the disk at every moment."""
     argparse.ArgumentParser(description=__doc__).parse_args()
-    from tests.core.test_disk_full import numbers, train_in
+    from tests.runs.test_disk_full import numbers, train_in
 
     with tempfile.TemporaryDirectory() as whole:
         expected = numbers(train_in(Path(whole), RunLog))

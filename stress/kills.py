@@ -28,21 +28,23 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from zoac import checkpoint, process, run, worker
-from zoac.config import compose_config
-from zoac.records import CLOCKS, is_done, read_metrics, read_result
+from zoac import run
+from zoac.config.compose import compose_config
+from zoac.executors import process, worker
+from zoac.runs import checkpoint
+from zoac.runs.schema import CLOCKS, is_done, read_metrics, read_result
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
 EXECUTORS = {"serial": [], "process": ["executor.workers=2"]}
 COMMON = [
     "budget=3000", "eval_every=600", "evaluation.episodes=2", "evaluation.final_episodes=2",
-    "checkpoint_seconds=0", "lanes=2", "task.max_episode_steps=40", "mpc_solver=riccati",
+    "checkpoint_seconds=0", "num_envs=2", "task.max_episode_steps=40", "mpc_solver=riccati",
     "variant=kills",
 ]  # fmt: skip
 # Short iterations: a kill is worth more where there is a checkpoint between any two.
 SHORT = {
     "zoac": ["tuner.segment_length=10", "tuner.segments=4"],
-    "zoac_plus": ["tuner.segment_length=10", "tuner.race_rounds=3"],
+    "zoac_plus": ["tuner.segment_length=10", "tuner.halving_rounds=3"],
     "es": ["tuner.population=2"],
 }
 
@@ -59,7 +61,7 @@ def outcome(folder: Path) -> list[str]:
 
 
 class ForkedWorker:
-    """What `zoac.process` needs of a `subprocess.Popen`: a worker behind pipes, but forked."""
+    """What `zoac.executors.process` needs of a `subprocess.Popen`: a worker behind pipes, but forked."""
 
     def __init__(self, *_arguments: Any, **_options: Any) -> None:
         requests, to_worker = os.pipe()
@@ -211,7 +213,7 @@ def main() -> None:
     options = parser.parse_args()
     if not options.own_workers:
         vars(process)["subprocess"] = SimpleNamespace(Popen=ForkedWorker, PIPE=None)
-    importlib.import_module("zoac.session")
+    importlib.import_module("zoac.training.lifecycle")
     for group, names in (("task", options.tasks), ("tuner", options.tuners)):
         for name in names:
             target = compose_config([f"{group}={name}"])[group]["_target_"]

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from zoac import make_task
-from zoac.rollout import LaneGroup
-from zoac.segments import Proposal, Segment
+from zoac.core.segments import Proposal, Segment
+from zoac.rollout.engine import RolloutEngine
 
-LANES, SEGMENT = 10, 50
+NUM_ENVS, SEGMENT = 10, 50
 STEPS = {"pid_acc": 1_000_000, "riccati": 1_000_000, "clarabel": 20_000, "cvxpy": 2_000}
 
 
@@ -39,13 +39,13 @@ def not_finite(segment: Segment) -> int:
     return sum(int((~np.isfinite(np.asarray(a, dtype=np.float64))).sum()) for a in arrays)
 
 
-def batches(group: LaneGroup, dimension: int, steps: int) -> Iterator[list[Segment]]:
+def batches(group: RolloutEngine, dimension: int, steps: int) -> Iterator[list[Segment]]:
     """Yield segments with fresh parameters until `steps` are done."""
     rng = np.random.default_rng(0)
     done = 0
     while done < steps:
-        z = rng.uniform(-1.0, 1.0, (LANES, dimension))
-        segments = group.rollout([Proposal(z[i], i, SEGMENT) for i in range(LANES)])
+        z = rng.uniform(-1.0, 1.0, (NUM_ENVS, dimension))
+        segments = group.rollout([Proposal(z[i], i, SEGMENT) for i in range(NUM_ENVS)])
         done += sum(s.length for s in segments)
         yield segments
 
@@ -66,7 +66,7 @@ def main() -> None:
             if name == "pid_acc"
             else make_task("mpc_tracking", mpc_solver=name, mpc=mpc)
         )
-        group = LaneGroup(task, range(LANES), range(LANES))
+        group = RolloutEngine(task, range(NUM_ENVS), range(NUM_ENVS))
         done = bad = failed = terminated = 0
         memory: list[tuple[int, int]] = []
         total = options.steps or STEPS[name]

@@ -17,18 +17,18 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
-from zoac import checkpoint
-from zoac.environment import ArrayLanes
-from zoac.parameters import Parameter, ParameterSpace
-from zoac.rollout import LaneGroup
-from zoac.seeding import stream_seed
-from zoac.segments import Proposal, Segment
-from zoac.state import Encoded, OwnObject
-from zoac.task import Metric, Task
+from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.core.seeding import stream_seed
+from zoac.core.segments import Proposal, Segment
+from zoac.core.state import Encoded, OwnObject
+from zoac.core.task import Metric, Task
+from zoac.envs.base import ArrayVecEnv
+from zoac.rollout.engine import RolloutEngine
+from zoac.runs import checkpoint
 
 
-class CountingLanes(ArrayLanes):
-    """Observation: (episode number of the lane, step, the episode's random number).
+class CountingVecEnv(ArrayVecEnv):
+    """Observation: (episode number of the environment, step, the episode's random number).
 
     Cost: the action plus the random number. Terminates after `ends_after` steps, if given.
     """
@@ -39,8 +39,8 @@ class CountingLanes(ArrayLanes):
         self._ends_after = ends_after
         self.arrays = {"x": np.zeros((n, 3))}
 
-    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
-        x = self.arrays["x"][lane]
+    def _start(self, env_index: int, rng: np.random.Generator, demonstration: bool) -> None:
+        x = self.arrays["x"][env_index]
         x[:] = x[0] + 1, 0, rng.normal()
 
     def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -71,20 +71,22 @@ class CountingTask(Task):
 
     space = ParameterSpace([Parameter("a", 0.0, 10.0), Parameter("b", 0.0, 10.0)])
     metrics = (Metric("mean_a", lambda s: s.diagnostics["a"]),)
-    nominal = {"a": 1.0, "b": 2.0}
+    baseline = {"a": 1.0, "b": 2.0}
 
     def __init__(self, max_episode_steps: int = 7, ends_after: int | None = None) -> None:
         self._options = (max_episode_steps, ends_after)
 
-    def make_env(self, n: int) -> CountingLanes:
-        return CountingLanes(n, *self._options)
+    def make_env(self, n: int) -> CountingVecEnv:
+        return CountingVecEnv(n, *self._options)
 
     def make_controller(self) -> EchoController:
         return EchoController()
 
 
-def lane_group(task: Task, lanes: list[int], seed: int = 0) -> LaneGroup:
-    return LaneGroup(task, lanes, [stream_seed(seed, "lane", lane) for lane in lanes])
+def engine(task: Task, num_envs: list[int], seed: int = 0) -> RolloutEngine:
+    return RolloutEngine(
+        task, num_envs, [stream_seed(seed, "lane", env_index) for env_index in num_envs]
+    )
 
 
 def same_segment(one: Segment, other: Segment) -> bool:
@@ -99,9 +101,9 @@ def same_segment(one: Segment, other: Segment) -> bool:
     )
 
 
-def proposal(lane: int, a: float = 5.0, **kind: Any) -> Proposal:
+def proposal(env_index: int, a: float = 5.0, **kind: Any) -> Proposal:
     """A proposal for `CountingTask` with parameter a in physical units."""
-    return Proposal(z=np.array([a / 5.0 - 1.0, 0.0]), lane=lane, **kind)
+    return Proposal(x=np.array([a / 5.0 - 1.0, 0.0]), env_index=env_index, **kind)
 
 
 class _Raising(EchoController):
@@ -123,7 +125,7 @@ class TwoFacedError(Exception):
         super().__init__(f"{what} at {where}")
 
 
-class _BrokenLanes(CountingLanes):
+class _BrokenVecEnv(CountingVecEnv):
     def __init__(self, n: int, error: Exception) -> None:
         super().__init__(n, 7, None)
         self._error = error
@@ -139,33 +141,33 @@ class BrokenPlantTask(CountingTask):
         super().__init__()
         self._kind, self._at_start = kind, at_start
 
-    def make_env(self, n: int) -> CountingLanes:
+    def make_env(self, n: int) -> CountingVecEnv:
         error = {
             "system": ConnectionError("the bench does not answer"),
             "two-faced": TwoFacedError("sparks", "the bench"),
         }[self._kind]
         if self._at_start:
             raise error
-        return _BrokenLanes(n, error)
+        return _BrokenVecEnv(n, error)
 
 
-class _LockedLanes(CountingLanes):
+class _LockedVecEnv(CountingVecEnv):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.lock = threading.Lock()
 
-    def state(self, lanes: Any) -> Any:
-        return super().state(lanes), OwnObject(self.lock)
+    def state(self, num_envs: Any) -> Any:
+        return super().state(num_envs), OwnObject(self.lock)
 
-    def restore(self, lanes: Any, state: Any) -> Any:
-        return super().restore(lanes, state[0])
+    def restore(self, num_envs: Any, state: Any) -> Any:
+        return super().restore(num_envs, state[0])
 
 
 class LockedTask(CountingTask):
-    """The state of its lanes is taken by no pickle."""
+    """The state of its environments is taken by no pickle."""
 
-    def make_env(self, n: int) -> CountingLanes:
-        return _LockedLanes(n, *self._options)
+    def make_env(self, n: int) -> CountingVecEnv:
+        return _LockedVecEnv(n, *self._options)
 
 
 class _Slow(EchoController):
@@ -232,9 +234,9 @@ class StuckTask(CountingTask):
 
 
 class SmallGroupTask(CountingTask):
-    """An environment of one lane cannot be made."""
+    """An environment of one environment cannot be made."""
 
-    def make_env(self, n: int) -> CountingLanes:
+    def make_env(self, n: int) -> CountingVecEnv:
         if n == 1:
             raise ConnectionError("the second bench does not answer")
         return super().make_env(n)

@@ -47,11 +47,11 @@ register()
 if TYPE_CHECKING:
     from zoac.api import make_task as make_task
     from zoac.api import tune as tune
-    from zoac.results import Result as Result
-    from zoac.results import load_result as load_result
+    from zoac.runs.result import Result as Result
+    from zoac.runs.result import load_result as load_result
 
 __all__ = ["Result", "load_result", "make_task", "tune"]
-_HOMES = {"Result": "results", "load_result": "results", "make_task": "api", "tune": "api"}
+_HOMES = {"Result": "runs.result", "load_result": "runs.result", "make_task": "api", "tune": "api"}
 
 
 def __getattr__(name: str) -> Any:

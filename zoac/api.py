@@ -13,18 +13,19 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from zoac import build, fingerprint, records
-from zoac.adapters import EnvSource, UserTask, user_task
-from zoac.config import GROUPS, compose_config, resolved
-from zoac.errors import ConfigError, suggest
-from zoac.gymnasium_lanes import Bounds
-from zoac.numbers import is_number
-from zoac.parameters import ParameterSpace
-from zoac.records import TASK
-from zoac.results import Result, keep_task, result_of
-from zoac.runlog import Console
-from zoac.session import Run, execute, with_code
-from zoac.task import Constraint, Metric, Task
+from zoac.config import factory
+from zoac.config.compose import GROUPS, compose_config, resolved
+from zoac.core.errors import ConfigError, suggest
+from zoac.core.parameters import ParameterSpace
+from zoac.core.task import Constraint, Metric, Task
+from zoac.core.types import is_number
+from zoac.envs.gymnasium_adapter import Bounds
+from zoac.envs.user_task import EnvSource, UserTask, user_task
+from zoac.runs import fingerprint, schema
+from zoac.runs.log import Console
+from zoac.runs.result import Result, keep_task, result_of
+from zoac.runs.schema import TASK
+from zoac.training.lifecycle import Run, execute, with_code
 
 
 def make_task(name: str, **overrides: Any) -> Task:
@@ -43,7 +44,7 @@ def make_task(name: str, **overrides: Any) -> Task:
     options = {key: value for key, value in overrides.items() if key not in GROUPS}
     _set(config, "task", options, f"task {name!r}", GROUPS)
     plain = resolved(config)
-    task = build.build_task(plain)
+    task = factory.build_task(plain)
     task.tuned_for = plain["task"].get("tuned_for", {})
     return task
 
@@ -57,7 +58,7 @@ def tune(
     tuner: str = "zoac",
     budget: int = 50_000,
     seed: int = 0,
-    lanes: int = 10,
+    num_envs: int = 10,
     start: Mapping[str, Any] | None = None,
     metrics: Sequence[Metric] | Mapping[str, Any] = (),
     constraints: Sequence[Constraint] | Mapping[str, Any] = (),
@@ -66,10 +67,10 @@ def tune(
     vary: Mapping[str, Bounds] | None = None,
     objective: str = "auto",
     trust: float | None = None,
-    gate: float | None = None,
+    acceptance_test: float | None = None,
     select: str | None = None,
-    scout: int | None = None,
-    common_episodes: bool = False,
+    initial_samples: int | None = None,
+    common_random_numbers: bool = False,
     failure_penalty: float | None = None,
     tuner_options: Mapping[str, Any] | None = None,
     executor: str = "serial",
@@ -95,11 +96,11 @@ def tune(
         tuner: Name of a tuner's config: "zoac", "cmaes", "bo", "random", ...
         budget: Environment steps for tuning.
         seed: Of everything.
-        lanes: Environments side by side.
+        environments: Environments side by side.
         start: Today's values, where the tuner then begins, if it can be told; their cost is
             reported beside the result.
         metrics: Reported beside the cost: `Metric`s, or functions of a segment by name.
-        constraints: What must hold at every step, likewise; see `zoac.constraints`.
+        constraints: What must hold at every step, likewise; see `zoac.rollout.constraints`.
         max_episode_steps: Cut episodes here; needed if the environment does not end by itself.
         plant: Numbers of the environment to set, by attribute: `{"m": 1.2}`.
         vary: Ranges from which every episode, of tuning and evaluation, draws such numbers:
@@ -107,15 +108,15 @@ def tune(
         objective: What is minimised: "reward", its negative; "cost", `info["cost"]`; "info:<key>",
             another number of info; "auto", the negative reward unless `info["cost"]` differs from
             it, which is refused.
-        trust: How far the start values are trusted, from 0 (good ones may lie far away) to 1 (they
-            are nearly right): sets how far the tuner searches around them.
+        trust: How far the baseline values are trusted, from 0 (good ones may lie far away) to 1
+            (they are nearly right): sets how far the tuner searches around them.
         gate: Share of the budget, such as 0.2, for held-out episodes on which the answer must beat
-            the start values; else they stay. `result.record["gate"]` tells.
+            the baseline values; else they stay. `result.record["gate"]` tells.
         select: "best_evaluated": the answer is the best of the recommendations that were evaluated
-            and the start values, on held-out episodes that a fifth of the budget pays for; None:
+            and the baseline values, on held-out episodes that a fifth of the budget pays for; None:
             what the tuner recommends at the end.
         scout: Random points, an episode each, of which the best is where the tuner starts.
-        common_episodes: Whole episodes that the tuner asks for together begin alike.
+        common_random_numbers: Whole episodes that the tuner asks for together begin alike.
         failure_penalty: Cost of a step that fails, which ends its episode: controller or
             environment raises, or returns what is not finite; None: that ends the run with a
             message. `result.record` counts `failures` and keeps the `first_failure`.
@@ -158,18 +159,24 @@ def tune(
     if isinstance(task, Task):
         the_task = copy(task)  # the caller's stays as it is
     if start is not None and task is not None:
-        the_task.nominal = dict(start)
-    told = start is not None or (isinstance(the_task, UserTask) and the_task.nominal is not None)
+        the_task.baseline = dict(start)
+    told = start is not None or (isinstance(the_task, UserTask) and the_task.baseline is not None)
     if told and "start" in config.tuner:
-        options.setdefault("start", "nominal")
+        options.setdefault("start", "baseline")
     _set(config, "tuner", options, f"tuner {tuner!r}")
-    config.seed, config.lanes = _whole("seed", seed), _whole("lanes", lanes)
+    config.seed, config.num_envs = _whole("seed", seed), _whole("num_envs", num_envs)
     config.budget = _whole("budget", budget)
-    for name, value in (("trust", trust), ("gate", gate), ("failure_penalty", failure_penalty)):
+    for name, value in (
+        ("trust", trust),
+        ("acceptance_test", acceptance_test),
+        ("failure_penalty", failure_penalty),
+    ):
         config[name] = _number(name, value)
     config.select = select
-    config.scout = None if scout is None else _whole("scout", scout)
-    config.common_episodes = common_episodes or None
+    config.initial_samples = (
+        None if initial_samples is None else _whole("initial_samples", initial_samples)
+    )
+    config.common_random_numbers = common_random_numbers or None
     if failure_penalty is not None:
         the_task.failure_penalty = failure_penalty
     every = max(1, config.budget // 10) if eval_every is None else eval_every
@@ -179,7 +186,7 @@ def tune(
     plain = resolved(config)
     if not isinstance(task, str):
         plain["task"] = _identity(the_task, options_of_task)
-    settings = build.build_settings(plain)
+    settings = factory.build_settings(plain)
     identified, doubts = with_code(plain, the_task)
     run = Run(
         identity={"task": _name(task, env), "tuner": tuner, "seed": config.seed},
@@ -187,10 +194,10 @@ def tune(
         doubts=doubts,
         command=sys.argv,
         task=the_task,
-        tuner=build.build_tuner(plain["tuner"], the_task, settings),
-        executor=build.build_executor(plain),
+        tuner=factory.build_tuner(plain["tuner"], the_task, settings),
+        executor=factory.build_executor(plain),
         settings=settings,
-        sinks=[] if quiet else [Console(config.budget)],
+        loggers=[] if quiet else [Console(config.budget)],
         quiet=quiet,
     )
     where = Path(folder or tempfile.mkdtemp(prefix="zoac-")).expanduser()
@@ -226,13 +233,13 @@ def _identity(task: Task, options: Mapping[str, Any]) -> dict[str, Any]:
     told = {
         "space": [str(p) for p in task.space.parameters],
         "fixed": dict(task.fixed),
-        "start": dict(task.nominal or {}),
+        "start": dict(task.baseline or {}),
         "max_episode_steps": options["max_episode_steps"],
         "plant": dict(options["plant"] or {}),
         "vary": dict(options["vary"] or {}),
         "objective": options["objective"],
     }
-    plain: dict[str, Any] = json.loads(records.json_line(told))
+    plain: dict[str, Any] = json.loads(schema.json_line(told))
     return {key: value for key, value in plain.items() if value or key == "fixed"}
 
 

@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zoac.errors import ZoacError
-from zoac.live_controller import live_in
-from zoac.output import reader_may_leave
-from zoac.probe import first_difference, played
-from zoac.rollout import LaneGroup
-from zoac.segments import Proposal, Segment
-from zoac.task import Memory, Task
+from zoac.cli.pipes import reader_may_leave
+from zoac.controllers.live_controller import live_in
+from zoac.core.errors import ZoacError
+from zoac.core.segments import Proposal, Segment
+from zoac.core.task import Memory, Task
+from zoac.rollout.engine import RolloutEngine
+from zoac.rollout.probe import first_difference, played
 
 STEPS = 120
 """Steps of an episode that are looked at."""
@@ -60,19 +60,19 @@ Found = tuple[bool, str]
 def round_trip(task: Task) -> Found:
     """Parameters mapped to the box and back are the same."""
     space = task.space
-    z = _draws(task, 200)
-    values = space.values(z)
+    x = _draws(task, 200)
+    values = space.values(x)
     scale = np.abs(values).max(axis=0) + 1e-300
-    back = space.values(np.stack([space.unit(space.named(row)) for row in z]))
+    back = space.values(np.stack([space.normalise(space.named(row)) for row in x]))
     error = np.abs(back - values) / scale
     worst = int(error.max(axis=0).argmax())
     if error.max() > 1e-9:
         return False, f"{space.names[worst]!r} comes back {error.max():.1e} away"
     text = f"{len(space.names)} parameters, {space.dimension} coordinates"
-    if task.nominal is None:
+    if task.baseline is None:
         return True, text
-    space.unit(task.nominal)  # says which lies outside
-    return True, f"{text}, start values inside"
+    space.normalise(task.baseline)  # says which lies outside
+    return True, f"{text}, baseline values inside"
 
 
 def shapes(task: Task) -> Found:
@@ -88,7 +88,7 @@ def shapes(task: Task) -> Found:
         for what, array in (("observation", segment.observations), ("cost", segment.costs)):
             bad = np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))
             if bad.size:
-                at = _told(task.space.named(segment.proposal.z))
+                at = _told(task.space.named(segment.proposal.x))
                 return False, f"the {what} of step {bad[0]} is not finite, parameters: {at}"
     return True, f"observations {expected[1:]}, actions {actions}, all finite"
 
@@ -124,8 +124,8 @@ def determinism(task: Task) -> Found:
     return True, "the same seed gives the same episode, also after another one"
 
 
-def lane_state(task: Task) -> Found:
-    """A lane that is saved and put back goes on as it would have."""
+def env_state(task: Task) -> Found:
+    """An environment that is saved and put back goes on as it would have."""
     fault = task.save_fault
     return fault is None, fault or "goes on to the same bits"
 
@@ -188,18 +188,18 @@ def dead_parameters(task: Task) -> Found:
 
 def time_per_step(task: Task) -> Found:
     """A step is not too slow to tune on."""
-    group = LaneGroup(task, [0], [3])
-    steps, z = 0, _draws(task, 1)[0]
+    group = RolloutEngine(task, [0], [3])
+    steps, x = 0, _draws(task, 1)[0]
     try:
-        group.rollout([Proposal(z, 0, horizon=1)])  # what is compiled or loaded at first
+        group.rollout([Proposal(x, 0, horizon=1)])  # what is compiled or loaded at first
         begun = time.perf_counter()
         while time.perf_counter() - begun < 0.3:
-            (segment,) = group.rollout([Proposal(z, 0, horizon=5)])
+            (segment,) = group.rollout([Proposal(x, 0, horizon=5)])
             steps += segment.length
         seconds = (time.perf_counter() - begun) / steps
     finally:
         group.close()
-    text = f"{seconds * 1e3:.3g} ms; 50,000 steps in one lane take {_for_people(50_000 * seconds)}"
+    text = f"{seconds * 1e3:.3g} ms; 50,000 steps in one environment take {_for_people(50_000 * seconds)}"
     if seconds > SLOW:
         return False, f"{text}; more than {SLOW * 1e3:g} ms a step is too slow to tune on"
     return True, text
@@ -210,7 +210,7 @@ CHECKS: dict[str, Callable[[Task], Found]] = {
     "shapes and bounds": shapes,
     "episodes end": episodes_end,
     "seeded determinism": determinism,
-    "saved and put back": lane_state,
+    "saved and put back": env_state,
     "hidden state in the controller": hidden_state,
     "dead parameters": dead_parameters,
     "time per step": time_per_step,
@@ -225,24 +225,24 @@ def _draws(task: Task, n: int, first: int = 0) -> np.ndarray:
 def _alternatives(task: Task) -> list[list[float]]:
     """Return values to try for each parameter: both ends, and some between; of choices, all."""
     d = task.space.dimension
-    z = np.concatenate([_draws(task, 2), [np.full(d, -1.0), np.full(d, 1.0)], np.eye(d)])
-    return [sorted(set(column)) for column in task.space.values(z).T.tolist()]
+    x = np.concatenate([_draws(task, 2), [np.full(d, -1.0), np.full(d, 1.0)], np.eye(d)])
+    return [sorted(set(column)) for column in task.space.values(x).T.tolist()]
 
 
 def _segments(task: Task) -> list[Segment]:
-    """Return the beginnings of episodes under different parameters, the start values first."""
-    z = _draws(task, DRAWS)
-    if task.nominal is not None:
-        z[0] = task.space.unit(task.nominal)
-    group = LaneGroup(task, range(DRAWS), list(range(100, 100 + DRAWS)))
+    """Return the beginnings of episodes under different parameters, the baseline values first."""
+    x = _draws(task, DRAWS)
+    if task.baseline is not None:
+        x[0] = task.space.normalise(task.baseline)
+    group = RolloutEngine(task, range(DRAWS), list(range(100, 100 + DRAWS)))
     try:
-        return group.rollout([Proposal(z[k], k, horizon=STEPS) for k in range(DRAWS)])
+        return group.rollout([Proposal(x[k], k, horizon=STEPS) for k in range(DRAWS)])
     finally:
         group.close()
 
 
 def _named(task: Task, segment: Segment) -> tuple[tuple[str, ...], np.ndarray]:
-    return task.space.names, task.space.values(segment.proposal.z)
+    return task.space.names, task.space.values(segment.proposal.x)
 
 
 def _replayed(
@@ -290,8 +290,8 @@ def _for_people(seconds: float) -> str:
 @reader_may_leave()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Check the task that the overrides name; return the exit code."""
-    from zoac.build import build_task
-    from zoac.config import compose_config, resolved
+    from zoac.config.compose import compose_config, resolved
+    from zoac.config.factory import build_task
 
     arguments = sys.argv[1:] if arguments is None else arguments
     if not arguments or arguments[0] in ("-h", "--help"):

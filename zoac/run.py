@@ -20,8 +20,10 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, read_write
 from omegaconf.errors import OmegaConfBaseException
 
-from zoac import lifeline, sweep
-from zoac.config import (
+from zoac.cli import sweep_report
+from zoac.cli.help import usage
+from zoac.cli.pipes import reader_may_leave
+from zoac.config.compose import (
     check_overrides,
     explain,
     know_own_conf,
@@ -29,9 +31,8 @@ from zoac.config import (
     variant_of,
     with_whole_steps,
 )
-from zoac.errors import ConfigError, ZoacError
-from zoac.output import reader_may_leave
-from zoac.usage import usage
+from zoac.core.errors import ConfigError, ZoacError
+from zoac.executors import lifeline
 
 WITH_VALUE = (
     "--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name", "-cn",
@@ -74,7 +75,7 @@ def _end_jobs_with_this_process(folder: Path) -> None:
         for one in (signal.SIGINT, signal.SIGTERM):
             signal.signal(one, signal.default_int_handler)  # a second one stops at once
         print("\nstopping all jobs; once more stops at once", file=sys.stderr)
-        sweep.end(folder, let_go)
+        sweep_report.end(folder, let_go)
         raise KeyboardInterrupt
 
     for one in (signal.SIGINT, signal.SIGTERM):
@@ -97,7 +98,7 @@ def _job(config: DictConfig) -> None:
     lifeline.follow(Path(job.sweep.dir))
     if lifeline.is_cut():
         raise KeyboardInterrupt
-    with sweep.noted(Path(job.sweep.dir), job.job.num, job.overrides.task) as again:
+    with sweep_report.noted(Path(job.sweep.dir), job.job.num, job.overrides.task) as again:
         _run(config, again)
 
 
@@ -117,7 +118,7 @@ def _run(config: DictConfig, again: bool = False) -> None:
     if again:
         plain["resume"] = "auto"
     # Imported here: --help and config errors must not wait for torch.
-    from zoac.session import run_session
+    from zoac.training.lifecycle import run_session
 
     choices = job.runtime.choices
     run_session(plain, task=choices["task"], tuner=choices["tuner"], command=sys.argv)
@@ -167,13 +168,15 @@ def main() -> None:
     except (HydraException, OmegaConfBaseException) as error:
         sys.exit(f"error: {explain(error, arguments)}")
     except KeyboardInterrupt:
-        told = f"{sweep.report(Path(os.environ[_SWEEP]))[0]}\n" if _SWEEP in os.environ else ""
+        told = (
+            f"{sweep_report.report(Path(os.environ[_SWEEP]))[0]}\n" if _SWEEP in os.environ else ""
+        )
         print(f"{told}interrupted", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
         raise
     except Exception as error:
-        sweeping = _SWEEP in os.environ and sweep.has_begun(Path(os.environ[_SWEEP]))
+        sweeping = _SWEEP in os.environ and sweep_report.has_begun(Path(os.environ[_SWEEP]))
         if not _composed and not sweeping:  # Hydra answers some odd overrides with a ValueError
             sys.exit(f"error: {explain(error, arguments)}")
         if not sweeping:
@@ -181,7 +184,7 @@ def main() -> None:
         # Jobs do not raise: it is the launcher, whose job has died.
         gave_up = f"\nthe launcher gave up: {type(error).__name__}: {error}"
     if _SWEEP in os.environ:
-        told, all_done = sweep.report(Path(os.environ[_SWEEP]))
+        told, all_done = sweep_report.report(Path(os.environ[_SWEEP]))
         if gave_up or not all_done:
             sys.exit(f"{told}{gave_up}\nThe same command again does only what is not done.")
         print(told)

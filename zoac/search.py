@@ -20,16 +20,16 @@ import numpy as np
 from omegaconf import OmegaConf
 from pydantic import Field
 
-from zoac.build import build_task
-from zoac.checks import check_arguments
-from zoac.config import compose_config, resolved
-from zoac.errors import ConfigError, ZoacError, suggest
-from zoac.locks import HeldError, locked
-from zoac.numbers import Count, Natural
-from zoac.output import reader_may_leave
-from zoac.records import config_hash, write_json
-from zoac.search_ranges import distributions, load_optuna, value_at
-from zoac.seeding import stream_seed
+from zoac.cli.pipes import reader_may_leave
+from zoac.cli.search_ranges import distributions, load_optuna, value_at
+from zoac.config.compose import compose_config, resolved
+from zoac.config.factory import build_task
+from zoac.config.validate import check_arguments
+from zoac.core.errors import ConfigError, ZoacError, suggest
+from zoac.core.seeding import stream_seed
+from zoac.core.types import Count, Natural
+from zoac.runs.lock import HeldError, locked
+from zoac.runs.schema import config_hash, write_json
 
 
 class Search:
@@ -123,7 +123,7 @@ class Search:
 
     def _begin(self, plain: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
         """Mark a fresh study as one of this configuration and begin it at the defaults."""
-        from zoac.session import with_code
+        from zoac.training.lifecycle import with_code
 
         identified, _ = with_code(plain, build_task(plain))
         about = {
@@ -213,7 +213,7 @@ class Search:
 
     def _cost(self, trial: Any, seed: int) -> float:
         """Return the final cost of one run, which goes on where it was left, if it was."""
-        from zoac.session import run_session
+        from zoac.training.lifecycle import run_session
 
         config = resolved(compose_config([*self._overrides, *_options(trial.params)]))
         config["evaluation"]["seed"] = self._evaluation_seed

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from gymnasium.spaces import Box
 
-from zoac.environment import ArrayLanes
+from zoac.envs.base import ArrayVecEnv
 
 SAMPLE_TIME = 0.2  # [s]
 RING = 500.0  # [m]
@@ -27,7 +27,7 @@ CHANGE_COST = 0.5
 COLLISION_COST = 500.0
 
 
-class RoadLanes(ArrayLanes):
+class LaneChangeVecEnv(ArrayVecEnv):
     """n drives side by side."""
 
     def __init__(self, num_envs: int = 1, max_episode_steps: int = 300) -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from zoac.numbers import Count
-from zoac.parameters import Parameter, ParameterSpace, choice, integer
-from zoac.segments import Segment
-from zoac.task import Constraint, Metric, Task
+from zoac.core.parameters import Parameter, ParameterSpace, choice, integer
+from zoac.core.segments import Segment
+from zoac.core.task import Constraint, Metric, Task
+from zoac.core.types import Count
 from zoac.tasks.lane_change.driver import RuleBasedDriver
-from zoac.tasks.lane_change.plant import RoadLanes
+from zoac.tasks.lane_change.plant import LaneChangeVecEnv
 
 
 def _too_near(segment: Segment) -> np.ndarray:
@@ -39,7 +39,7 @@ class LaneChange(Task):
         Metric("changes", lambda s: s.actions[:, 1], reduce="sum"),
     )
     constraints = (Constraint("distance", _too_near, scale=5.0),)
-    nominal = {
+    baseline = {
         "headway": 1.5, "k_gap": 0.1, "k_speed": 0.5, "ahead": 30.0, "behind": 30.0,
         "closing": 3.0, "gain": 2.0, "patience": 5, "better": "speed",
     }  # fmt: skip
@@ -52,9 +52,9 @@ class LaneChange(Task):
         """
         self._steps = max_episode_steps
 
-    def make_env(self, n: int) -> RoadLanes:
+    def make_env(self, n: int) -> LaneChangeVecEnv:
         """Return `n` drives."""
-        return RoadLanes(n, self._steps)
+        return LaneChangeVecEnv(n, self._steps)
 
     def make_controller(self) -> RuleBasedDriver:
         """Return the driver."""

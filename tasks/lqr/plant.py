@@ -1,4 +1,4 @@
-"""A double integrator with quadratic cost, vectorised over lanes.
+"""A double integrator with quadratic cost, vectorised over environments.
 
 x = (position [m], speed [m/s]), x' = A x + B u + w with u [m/s^2] and w ~ N(0, I noise^2) at every
 step; cost x'Q x + u'R u at the state before the step. Observation (2): x. Action (1): u.
@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from scipy.linalg import solve_discrete_are
 
-from zoac.environment import ArrayLanes
+from zoac.envs.base import ArrayVecEnv
 
 SAMPLE_TIME = 0.1  # [s]
 A = np.array([[1.0, SAMPLE_TIME], [0.0, 1.0]])
@@ -28,7 +28,7 @@ def optimal_gain() -> np.ndarray:
     return np.linalg.solve(R + B.T @ p @ B, B.T @ p @ A)[0]
 
 
-class LqrLanes(ArrayLanes):
+class LqrVecEnv(ArrayVecEnv):
     """n double integrators side by side."""
 
     def __init__(
@@ -36,7 +36,7 @@ class LqrLanes(ArrayLanes):
     ) -> None:
         """
         Args:
-            num_envs: Number of lanes n.
+            num_envs: Number of environments n.
             noise: Standard deviation of the disturbance of each state and step.
             max_episode_steps: Time limit.
         """
@@ -52,15 +52,17 @@ class LqrLanes(ArrayLanes):
         self._w = np.zeros((num_envs, max_episode_steps, 2))
         self.arrays = {"x": self._x, "w": self._w}
 
-    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
-        self._x[lane] = (1.0, 0.0) if demonstration else rng.uniform(-1.0, 1.0, 2)
-        self._w[lane] = 0.0 if demonstration else rng.normal(0.0, self._noise, self._w[lane].shape)
+    def _start(self, env_index: int, rng: np.random.Generator, demonstration: bool) -> None:
+        self._x[env_index] = (1.0, 0.0) if demonstration else rng.uniform(-1.0, 1.0, 2)
+        self._w[env_index] = (
+            0.0 if demonstration else rng.normal(0.0, self._noise, self._w[env_index].shape)
+        )
 
     def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        # Written out: a matrix product works across lanes.
+        # Written out: a matrix product works across environments.
         x, v, u = self._x[:, 0].copy(), self._x[:, 1].copy(), actions[:, 0]
         cost = Q[0, 0] * x * x + Q[1, 1] * v * v + R[0, 0] * u * u
-        # A lane past its time limit goes on with its last draw.
+        # An environment past its time limit goes on with its last draw.
         steps = np.minimum(self._steps, self._w.shape[1] - 1)
         w = self._w[np.arange(self.num_envs), steps]
         self._x[:, 0] = x + A[0, 1] * v + B[0, 0] * u + w[:, 0]

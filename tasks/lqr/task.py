@@ -7,10 +7,10 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from zoac.numbers import Count, NonNegative
-from zoac.parameters import Parameter, ParameterSpace
-from zoac.task import Controller, Diagnostics, Memory, Parameters, Task
-from zoac.tasks.lqr.plant import A, B, LqrLanes, Q, R, optimal_gain
+from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.core.task import Controller, Diagnostics, Memory, Parameters, Task
+from zoac.core.types import Count, NonNegative
+from zoac.tasks.lqr.plant import A, B, LqrVecEnv, Q, R, optimal_gain
 
 GAINS = ParameterSpace(
     [Parameter("k_x", 0.0, 10.0, unit="1/s^2"), Parameter("k_v", 0.0, 10.0, unit="1/s")]
@@ -74,17 +74,17 @@ class Lqr(Task):
         """
         Args:
             tuned: The gains themselves, or the weights from which they follow.
-            noise: See `LqrLanes`.
+            noise: See `LqrVecEnv`.
             max_episode_steps: Time limit, in steps of 0.1 s.
         """
         self._tuned, self._noise, self._steps = tuned, noise, max_episode_steps
         self.space = GAINS if tuned == "gains" else WEIGHTS
         best = optimal_gain() if tuned == "gains" else np.diag(Q)
-        self.nominal = dict(zip(self.space.names, best.tolist(), strict=True))
+        self.baseline = dict(zip(self.space.names, best.tolist(), strict=True))
 
-    def make_env(self, n: int) -> LqrLanes:
-        """Return `n` lanes."""
-        return LqrLanes(n, self._noise, self._steps)
+    def make_env(self, n: int) -> LqrVecEnv:
+        """Return `n` environments."""
+        return LqrVecEnv(n, self._noise, self._steps)
 
     def make_controller(self) -> Controller:
         """Return the state feedback."""

@@ -6,12 +6,12 @@ from typing import Literal
 
 import numpy as np
 
-from zoac.compiled import compiled
-from zoac.errors import ControllerError
-from zoac.mpc.policy import MpcOptions, Objective, SequentialQp
-from zoac.mpc.solvers.base import Solver
-from zoac.parameters import Parameter, ParameterSpace
-from zoac.task import Diagnostics, Memory, Parameters
+from zoac.core.compiled import compiled
+from zoac.core.errors import ControllerError
+from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.core.task import Diagnostics, Memory, Parameters
+from zoac.mpc.problem import Solver
+from zoac.mpc.sqp import MpcOptions, Objective, SequentialQp
 from zoac.tasks.mpc_tracking.path import SPEED
 from zoac.tasks.mpc_tracking.vehicle import INPUTS, STATES, TRUE_PARAMETERS, BicycleModel
 
@@ -61,7 +61,7 @@ weigh x, y, phi, u weighs phi, u, v, omega, and the last two are never read.
 
 
 class TrackingMpc:
-    """U_t = pi_theta(observation): the first input of the plan; see `zoac.mpc.policy`."""
+    """U_t = pi_theta(observation): the first input of the plan; see `zoac.mpc.sqp`."""
 
     def __init__(
         self, solver: Solver, options: MpcOptions | None = None, weights: WeightLayout = "separate"
@@ -85,8 +85,8 @@ class TrackingMpc:
         self._discounts = DISCOUNT ** np.arange(horizon + 1)
 
     def init(self, n: int) -> Memory:
-        """Return {} or, with `linearise_about: shifted_plan`, {"plan": (n, N_p, 2)}."""
-        if self._options.linearise_about == "zero_input":
+        """Return {} or, with `initial_guess: shifted`, {"plan": (n, N_p, 2)}."""
+        if self._options.initial_guess == "zero":
             return {}
         return {"plan": np.zeros((n, self._options.horizon, 2))}
 
@@ -162,13 +162,13 @@ def _write_objective(
 ) -> None:
     stage, terminal, inputs = columns
     n, horizon, _ = reference.shape
-    for lane in range(n):
+    for env_index in range(n):
         for k in range(horizon):
             for i in range(3):
-                reference[lane, k, i] = obs[lane, 6 + 3 * k + i]
-            reference[lane, k, 3] = SPEED
+                reference[env_index, k, i] = obs[env_index, 6 + 3 * k + i]
+            reference[env_index, k, 3] = SPEED
             weights = stage if k < horizon - 1 else terminal
             for i in range(6):
-                state_weights[lane, k, i] = values[lane, weights[i]] * discounts[k + 1]
+                state_weights[env_index, k, i] = values[env_index, weights[i]] * discounts[k + 1]
             for i in range(2):
-                input_weights[lane, k, i] = values[lane, inputs[i]] * discounts[k]
+                input_weights[env_index, k, i] = values[env_index, inputs[i]] * discounts[k]

@@ -1,4 +1,4 @@
-"""The vehicle on its path, vectorised over lanes.
+"""The vehicle on its path, vectorised over environments.
 
 Observation (81): the state X_t, then N_p = 25 points (x_r, y_r, phi_r) of the path ahead.
 Action (2): front wheel angle delta [rad] and acceleration a [m/s^2].
@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box
 
-from zoac.compiled import compiled
-from zoac.environment import ArrayLanes, SingleLane
+from zoac.core.compiled import compiled
+from zoac.envs.base import ArrayVecEnv, SingleEnv
 from zoac.tasks.mpc_tracking import path
 from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH, INPUT_LOW, TRUE_PARAMETERS, advance, six
 
@@ -23,10 +23,10 @@ MAX_SPEED_ERROR = 4.0  # [m/s]
 TERMINATION_COST = 1000.0
 
 
-class MpcTrackingLanes(ArrayLanes):
+class MpcTrackingVecEnv(ArrayVecEnv):
     """n vehicles side by side; `gymnasium.make_vec("zoac/MpcTracking-v0")`."""
 
-    metadata = {**ArrayLanes.metadata, "render_modes": ["rgb_array"], "render_fps": 10}
+    metadata = {**ArrayVecEnv.metadata, "render_modes": ["rgb_array"], "render_fps": 10}
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class MpcTrackingLanes(ArrayLanes):
     ) -> None:
         """
         Args:
-            num_envs: Number of lanes n.
+            num_envs: Number of environments n.
             render_mode: None or "rgb_array".
             horizon: Number of path points in the observation, N_p.
             max_episode_steps: Time limit.
@@ -52,11 +52,13 @@ class MpcTrackingLanes(ArrayLanes):
             render_mode,
         )
         self.arrays = {"state": np.zeros((num_envs, 6)), "input": np.zeros((num_envs, 2))}
-        self.arrays["state"][:, 3] = path.SPEED  # a lane not yet begun can stand in a step
+        self.arrays["state"][:, 3] = path.SPEED  # an environment not yet begun can stand in a step
 
-    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
-        self.arrays["state"][lane] = demonstration_start() if demonstration else random_start(rng)
-        self.arrays["input"][lane] = 0.0
+    def _start(self, env_index: int, rng: np.random.Generator, demonstration: bool) -> None:
+        self.arrays["state"][env_index] = (
+            demonstration_start() if demonstration else random_start(rng)
+        )
+        self.arrays["input"][env_index] = 0.0
 
     def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         cost = np.empty(self.num_envs)
@@ -64,20 +66,20 @@ class MpcTrackingLanes(ArrayLanes):
         # A steering or an engine saturates: what goes beyond the bounds is not applied.
         applied = np.asarray(actions, dtype=np.float64).clip(INPUT_LOW, INPUT_HIGH)
         self.arrays["input"][:] = applied
-        _advance_lanes(self.arrays["state"], applied, cost, terminated)
+        _advance_envs(self.arrays["state"], applied, cost, terminated)
         return cost, terminated
 
     def _observe(self) -> np.ndarray:
         observations = np.empty((self.num_envs, self._observation_size))
-        _observe_lanes(self.arrays["state"], observations)
+        _observe_envs(self.arrays["state"], observations)
         return observations
 
-    def _frame(self, lane: int) -> np.ndarray:
+    def _frame(self, env_index: int) -> np.ndarray:
         # Loads matplotlib, which tuning does not need.
         from zoac.tasks.mpc_tracking.figures import draw_states
         from zoac.tasks.rendering import frame
 
-        states, steering = self.arrays["state"][lane][None], self.arrays["input"][lane, 0]
+        states, steering = self.arrays["state"][env_index][None], self.arrays["input"][env_index, 0]
         return frame(lambda axes: draw_states(axes, states, float(steering)))
 
 
@@ -100,18 +102,18 @@ def demonstration_start() -> np.ndarray:
 
 
 @compiled(error_model="numpy")
-def _advance_lanes(
+def _advance_envs(
     states: np.ndarray, actions: np.ndarray, cost: np.ndarray, terminated: np.ndarray
 ) -> None:
-    for lane in range(len(states)):
-        delta, a = actions[lane, 0], actions[lane, 1]
-        after = advance(TRUE_PARAMETERS, six(states[lane]), delta, a)
+    for env_index in range(len(states)):
+        delta, a = actions[env_index, 0], actions[env_index, 1]
+        after = advance(TRUE_PARAMETERS, six(states[env_index]), delta, a)
         for i in range(6):
-            states[lane, i] = after[i]
+            states[env_index, i] = after[i]
         x, y, phi, u, _, omega = after
         off, turned, faster = y - path.lateral(x), phi - path.heading(x), u - path.SPEED
         # The paper's r, at the state after the step.
-        cost[lane] = (
+        cost[env_index] = (
             faster * faster
             + 4.0 * (off * off)
             + 10.0 * (turned * turned)
@@ -119,22 +121,22 @@ def _advance_lanes(
             + 500.0 * (delta * delta)
             + 5.0 * (a * a)
         )
-        terminated[lane] = not (  # so that a state that is not a number ends the episode
+        terminated[env_index] = not (  # so that a state that is not a number ends the episode
             abs(off) <= MAX_LATERAL_ERROR
             and abs(turned) <= MAX_HEADING_ERROR
             and abs(faster) <= MAX_SPEED_ERROR
         )
-        if terminated[lane]:
-            cost[lane] += TERMINATION_COST
+        if terminated[env_index]:
+            cost[env_index] += TERMINATION_COST
 
 
 @compiled(error_model="numpy")
-def _observe_lanes(states: np.ndarray, observations: np.ndarray) -> None:
-    for lane in range(len(states)):
-        observations[lane, :6] = states[lane]
-        path.preview(states[lane, 0], observations[lane, 6:])
+def _observe_envs(states: np.ndarray, observations: np.ndarray) -> None:
+    for env_index in range(len(states)):
+        observations[env_index, :6] = states[env_index]
+        path.preview(states[env_index, 0], observations[env_index, 6:])
 
 
-def make_single(render_mode: str | None = None, **options: Any) -> SingleLane:
-    """Return one lane as a `gymnasium.Env`; `gymnasium.make("zoac/MpcTracking-v0")`."""
-    return SingleLane(MpcTrackingLanes(num_envs=1, render_mode=render_mode, **options))
+def make_single(render_mode: str | None = None, **options: Any) -> SingleEnv:
+    """Return one environment as a `gymnasium.Env`; `gymnasium.make("zoac/MpcTracking-v0")`."""
+    return SingleEnv(MpcTrackingVecEnv(num_envs=1, render_mode=render_mode, **options))

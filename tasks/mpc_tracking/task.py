@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zoac.mpc.policy import MpcOptions
-from zoac.mpc.solvers.base import Solver
-from zoac.numbers import Count, NonNegative
-from zoac.segments import Segment
-from zoac.task import Metric, Task, Trace
+from zoac.core.segments import Segment
+from zoac.core.task import Metric, Task, Trace
+from zoac.core.types import Count, NonNegative
+from zoac.mpc.problem import Solver
+from zoac.mpc.sqp import MpcOptions
 from zoac.tasks.mpc_tracking.controller import NOMINAL, SPACE, TrackingMpc, WeightLayout
-from zoac.tasks.mpc_tracking.plant import MpcTrackingLanes
+from zoac.tasks.mpc_tracking.plant import MpcTrackingVecEnv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +36,7 @@ class MpcTracking(Task):
     """19 parameters: six of the predictive model, thirteen weights."""
 
     space = SPACE
-    nominal = NOMINAL
+    baseline = NOMINAL
     metrics = (
         Metric("prediction_error", prediction_error),
         Metric("solver_failures", _failed, "sum"),
@@ -66,9 +66,9 @@ class MpcTracking(Task):
         self._regularisation = regularisation
         self._max_episode_steps = max_episode_steps
 
-    def make_env(self, n: int) -> MpcTrackingLanes:
+    def make_env(self, n: int) -> MpcTrackingVecEnv:
         """Return `n` vehicles; their observations show as far ahead as the MPC looks."""
-        return MpcTrackingLanes(
+        return MpcTrackingVecEnv(
             n, horizon=self._mpc.horizon, max_episode_steps=self._max_episode_steps
         )
 

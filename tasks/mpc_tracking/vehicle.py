@@ -4,8 +4,8 @@ State X = (x, y, phi, u, v, omega) [m, m, rad, m/s, m/s, rad/s], input U = (delt
 [rad, m/s^2], model parameters theta = (I_z, k_f, k_r, l_f, l_r, m)
 [kg m^2, N/rad, N/rad, m, m, kg].
 
-Every lane is computed by itself in scalar loops: no library call spans lanes, so a lane's bits
-do not depend on its neighbours.
+Every environment is computed by itself in scalar loops: no library call spans environments, so an
+environment's bits do not depend on its neighbours.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import math
 
 import numpy as np
 
-from zoac.compiled import compiled
-from zoac.mpc.solvers.base import Sparsity
+from zoac.core.compiled import compiled
+from zoac.mpc.problem import Sparsity
 from zoac.tasks.mpc_tracking.path import STEP
 
 State = tuple[float, float, float, float, float, float]
@@ -100,30 +100,35 @@ def six(values: np.ndarray) -> State:
 def _roll_out_and_linearise(
     theta: np.ndarray, inputs: np.ndarray, states: np.ndarray, a: np.ndarray, b: np.ndarray
 ) -> None:
-    for lane in range(len(inputs)):
-        model = six(theta[lane])
-        state = six(states[lane, 0])
+    for env_index in range(len(inputs)):
+        model = six(theta[env_index])
+        state = six(states[env_index, 0])
         for k in range(inputs.shape[1]):
-            delta = inputs[lane, k, 0]
-            after = advance(model, state, delta, inputs[lane, k, 1])
-            write_jacobians(model, state, delta, after, a[lane, k], b[lane, k])
+            delta = inputs[env_index, k, 0]
+            after = advance(model, state, delta, inputs[env_index, k, 1])
+            write_jacobians(model, state, delta, after, a[env_index, k], b[env_index, k])
             for i in range(6):
-                states[lane, k + 1, i] = after[i]
+                states[env_index, k + 1, i] = after[i]
             state = after
 
 
 @compiled(error_model="numpy")
-def _advance_lanes(
+def _advance_envs(
     theta: np.ndarray, states: np.ndarray, inputs: np.ndarray, after: np.ndarray
 ) -> None:
-    for lane in range(len(states)):
-        reached = advance(six(theta[lane]), six(states[lane]), inputs[lane, 0], inputs[lane, 1])
+    for env_index in range(len(states)):
+        reached = advance(
+            six(theta[env_index]),
+            six(states[env_index]),
+            inputs[env_index, 0],
+            inputs[env_index, 1],
+        )
         for i in range(6):
-            after[lane, i] = reached[i]
+            after[env_index, i] = reached[i]
 
 
 class BicycleModel:
-    """The predictive model of n lanes, each with its own parameters theta."""
+    """The predictive model of n environments, each with its own parameters theta."""
 
     input_low = INPUT_LOW
     input_high = INPUT_HIGH
@@ -164,5 +169,5 @@ class BicycleModel:
     def predict(self, theta: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """Return F_theta(states (n, 6), inputs (n, 2)) (n, 6)."""
         after = np.empty_like(states)
-        _advance_lanes(theta, states, inputs, after)
+        _advance_envs(theta, states, inputs, after)
         return after

@@ -1,4 +1,4 @@
-"""Gymnasium's Pendulum-v1, vectorised over lanes, with a mass and a length that can be set.
+"""Gymnasium's Pendulum-v1, vectorised over environments, with a mass and a length that can be set.
 
 Observation (3): cos, sin of the angle from upright, angular velocity [rad/s]. Action (1): torque
 [N m]. Cost: angle^2 + 0.1 velocity^2 + 0.001 torque^2, at the state before the step.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from gymnasium.spaces import Box
 
-from zoac.environment import ArrayLanes
+from zoac.envs.base import ArrayVecEnv
 
 GRAVITY = 10.0  # [m/s^2]
 SAMPLE_TIME = 0.05  # [s]
@@ -17,7 +17,7 @@ MAX_TORQUE = 2.0  # [N m]
 MAX_SPEED = 8.0  # [rad/s]
 
 
-class PendulumLanes(ArrayLanes):
+class PendulumVecEnv(ArrayVecEnv):
     """n pendulums side by side."""
 
     def __init__(
@@ -29,7 +29,7 @@ class PendulumLanes(ArrayLanes):
     ) -> None:
         """
         Args:
-            num_envs: Number of lanes n.
+            num_envs: Number of environments n.
             mass: Of the rod [kg].
             length: Of the rod [m].
             max_episode_steps: Time limit.
@@ -46,10 +46,10 @@ class PendulumLanes(ArrayLanes):
         self._angle, self._speed = np.zeros(num_envs), np.zeros(num_envs)
         self.arrays = {"angle": self._angle, "speed": self._speed}
 
-    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
+    def _start(self, env_index: int, rng: np.random.Generator, demonstration: bool) -> None:
         hanging = (np.pi, 0.0)
         drawn = hanging if demonstration else rng.uniform((-np.pi, -1.0), (np.pi, 1.0))
-        self._angle[lane], self._speed[lane] = drawn
+        self._angle[env_index], self._speed[env_index] = drawn
 
     def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         torque = np.clip(actions[:, 0], -MAX_TORQUE, MAX_TORQUE)

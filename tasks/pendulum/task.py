@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from zoac.numbers import Count, Positive
-from zoac.parameters import Parameter, ParameterSpace
-from zoac.task import Task
+from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.core.task import Task
+from zoac.core.types import Count, Positive
 from zoac.tasks.pendulum.controller import EnergyPd
-from zoac.tasks.pendulum.plant import PendulumLanes
+from zoac.tasks.pendulum.plant import PendulumVecEnv
 
 
 class Pendulum(Task):
@@ -20,7 +20,7 @@ class Pendulum(Task):
             Parameter("switch", 0.1, 1.5, unit="rad"),
         ]
     )
-    nominal = {"energy": 0.1, "kp": 10.0, "kd": 2.0, "switch": 0.5}
+    baseline = {"energy": 0.1, "kp": 10.0, "kd": 2.0, "switch": 0.5}
     """Gains by hand, which swing up and hold."""
 
     def __init__(
@@ -30,12 +30,12 @@ class Pendulum(Task):
         length: Positive = 1.0,
         max_episode_steps: Count = 200,
     ) -> None:
-        """See `PendulumLanes` for the options."""
+        """See `PendulumVecEnv` for the options."""
         self._mass, self._length, self._steps = mass, length, max_episode_steps
 
-    def make_env(self, n: int) -> PendulumLanes:
+    def make_env(self, n: int) -> PendulumVecEnv:
         """Return `n` pendulums."""
-        return PendulumLanes(n, self._mass, self._length, self._steps)
+        return PendulumVecEnv(n, self._mass, self._length, self._steps)
 
     def make_controller(self) -> EnergyPd:
         """Return the controller."""

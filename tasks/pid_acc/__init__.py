@@ -1,7 +1,7 @@
 """Adaptive cruise control with an incremental PID (section IV-A of the paper)."""
 
 from zoac.tasks.pid_acc.pid import IncrementalPid
-from zoac.tasks.pid_acc.plant import PidAccLanes
+from zoac.tasks.pid_acc.plant import PidAccVecEnv
 from zoac.tasks.pid_acc.task import PidAcc
 
-__all__ = ["IncrementalPid", "PidAcc", "PidAccLanes"]
+__all__ = ["IncrementalPid", "PidAcc", "PidAccVecEnv"]

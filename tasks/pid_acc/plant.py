@@ -1,4 +1,4 @@
-"""Car following under the constant time headway policy, vectorised over lanes.
+"""Car following under the constant time headway policy, vectorised over environments.
 
 State x = (clearance error dd [m], speed error dv [m/s], ego acceleration a_f [m/s^2]); eq. (11).
 Observation (10): x_t, x_{t-1}, x_{t-2}, u_{t-1}. Action (1): increment of the desired
@@ -12,8 +12,8 @@ from typing import Any, Literal
 import numpy as np
 from gymnasium.spaces import Box
 
-from zoac.compiled import compiled
-from zoac.environment import ArrayLanes, SingleLane
+from zoac.core.compiled import compiled
+from zoac.envs.base import ArrayVecEnv, SingleEnv
 
 GAIN = 1.0  # K_L
 TIME_CONSTANT = 0.45  # T_L [s]
@@ -31,10 +31,10 @@ DEMONSTRATION = (
 )  # fmt: skip
 
 
-class PidAccLanes(ArrayLanes):
+class PidAccVecEnv(ArrayVecEnv):
     """n car-following episodes side by side; `gymnasium.make_vec("zoac/PidAcc-v0")`."""
 
-    metadata = {**ArrayLanes.metadata, "render_modes": ["rgb_array"], "render_fps": 10}
+    metadata = {**ArrayVecEnv.metadata, "render_modes": ["rgb_array"], "render_fps": 10}
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class PidAccLanes(ArrayLanes):
     ) -> None:
         """
         Args:
-            num_envs: Number of lanes n.
+            num_envs: Number of environments n.
             render_mode: None or "rgb_array".
             preceding_std: Standard deviation of the preceding car's acceleration [m/s^2].
             jerk: What the comfort term squares: the rate du/T_s (the paper), or the increment
@@ -69,18 +69,18 @@ class PidAccLanes(ArrayLanes):
         self._preceding = np.zeros((num_envs, draws * STEPS_PER_DRAW))
         self.arrays = {"history": self._history, "preceding": self._preceding}
 
-    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
-        self._history[lane] = 0.0
+    def _start(self, env_index: int, rng: np.random.Generator, demonstration: bool) -> None:
+        self._history[env_index] = 0.0
         if demonstration:
-            self._preceding[lane] = demonstration_profile(self._preceding.shape[1])
+            self._preceding[env_index] = demonstration_profile(self._preceding.shape[1])
             return
         draws = rng.normal(0.0, self._preceding_std, self._preceding.shape[1] // STEPS_PER_DRAW)
-        self._preceding[lane] = np.repeat(np.clip(draws, U_LOW, U_HIGH), STEPS_PER_DRAW)
+        self._preceding[env_index] = np.repeat(np.clip(draws, U_LOW, U_HIGH), STEPS_PER_DRAW)
 
     def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         cost = np.empty(self.num_envs)
         terminated = np.empty(self.num_envs, dtype=np.bool_)
-        _advance_lanes(
+        _advance_envs(
             self._history,
             self._preceding,
             self._steps,
@@ -98,16 +98,16 @@ class PidAccLanes(ArrayLanes):
     def _observe(self) -> np.ndarray:
         return self._history.copy()
 
-    def _frame(self, lane: int) -> np.ndarray:
+    def _frame(self, env_index: int) -> np.ndarray:
         # Loads matplotlib, which tuning does not need.
         from zoac.tasks.rendering import draw_following, frame
 
-        dd, dv, af, u = (float(value) for value in self._history[lane, [0, 1, 2, 9]])
+        dd, dv, af, u = (float(value) for value in self._history[env_index, [0, 1, 2, 9]])
         return frame(lambda axes: draw_following(axes, dd, dv, af, u, MAX_CLEARANCE_ERROR))
 
 
 @compiled()
-def _advance_lanes(
+def _advance_envs(
     history: np.ndarray,
     preceding: np.ndarray,
     steps: np.ndarray,
@@ -116,13 +116,13 @@ def _advance_lanes(
     cost: np.ndarray,
     terminated: np.ndarray,
 ) -> None:
-    """Advance every lane by one step, in place; fill cost (n,) and terminated (n,)."""
-    for lane in range(history.shape[0]):
-        x = history[lane]
+    """Advance every environment by one step, in place; fill cost (n,) and terminated (n,)."""
+    for env_index in range(history.shape[0]):
+        x = history[env_index]
         dd, dv, af, previous = x[0], x[1], x[2], x[9]
-        # A lane past its time limit goes on with its last draw.
-        w = preceding[lane, min(steps[lane], preceding.shape[1] - 1)]
-        u = previous + min(max(actions[lane, 0], U_LOW), U_HIGH)
+        # An environment past its time limit goes on with its last draw.
+        w = preceding[env_index, min(steps[env_index], preceding.shape[1] - 1)]
+        u = previous + min(max(actions[env_index, 0], U_LOW), U_HIGH)
         u = min(max(u, U_LOW), U_HIGH)
         du = u - previous
         for k in range(8, 2, -1):
@@ -137,8 +137,8 @@ def _advance_lanes(
         driver = 0.25 * dv + 0.02 * dd - af
         r = 0.1 * dv * dv + 0.06 * dd * dd + u * u + jerk_weight * du * du + 0.5 * driver * driver
         over = abs(dd) > MAX_CLEARANCE_ERROR or abs(dv) > MAX_SPEED_ERROR
-        cost[lane] = r + TERMINATION_COST if over else r
-        terminated[lane] = over
+        cost[env_index] = r + TERMINATION_COST if over else r
+        terminated[env_index] = over
 
 
 def demonstration_profile(steps: int) -> np.ndarray:
@@ -151,6 +151,6 @@ def demonstration_profile(steps: int) -> np.ndarray:
     return profile
 
 
-def make_single(render_mode: str | None = None, **options: Any) -> SingleLane:
-    """Return one lane as a `gymnasium.Env`; `gymnasium.make("zoac/PidAcc-v0")`."""
-    return SingleLane(PidAccLanes(num_envs=1, render_mode=render_mode, **options))
+def make_single(render_mode: str | None = None, **options: Any) -> SingleEnv:
+    """Return one environment as a `gymnasium.Env`; `gymnasium.make("zoac/PidAcc-v0")`."""
+    return SingleEnv(PidAccVecEnv(num_envs=1, render_mode=render_mode, **options))

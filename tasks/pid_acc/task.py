@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
-from zoac.numbers import Count, NonNegative
-from zoac.parameters import Parameter, ParameterSpace
-from zoac.segments import Segment
-from zoac.task import Task, Trace
+from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.core.segments import Segment
+from zoac.core.task import Task, Trace
+from zoac.core.types import Count, NonNegative
 from zoac.tasks.pid_acc.pid import IncrementalPid
-from zoac.tasks.pid_acc.plant import PidAccLanes
+from zoac.tasks.pid_acc.plant import PidAccVecEnv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +19,7 @@ class PidAcc(Task):
     """Four gains in [0, 10], linear."""
 
     space = ParameterSpace([Parameter(name, 0.0, 10.0) for name in ("k", "Kp", "Ki", "Kd")])
-    nominal = {"k": 2.492, "Kp": 0.8307, "Ki": 0.0, "Kd": 3.1173}
+    baseline = {"k": 2.492, "Kp": 0.8307, "Ki": 0.0, "Kd": 3.1173}
     """The hand-tuned gains of the authors' first release."""
 
     def __init__(
@@ -29,13 +29,13 @@ class PidAcc(Task):
         jerk: Literal["rate", "increment"] = "rate",
         max_episode_steps: Count = 1000,
     ) -> None:
-        """See `PidAccLanes` for the options."""
+        """See `PidAccVecEnv` for the options."""
         self._preceding_std, self._max_episode_steps = preceding_std, max_episode_steps
         self._jerk: Literal["rate", "increment"] = jerk
 
-    def make_env(self, n: int) -> PidAccLanes:
-        """Return `n` lanes of car following."""
-        return PidAccLanes(
+    def make_env(self, n: int) -> PidAccVecEnv:
+        """Return `n` environments of car following."""
+        return PidAccVecEnv(
             n,
             preceding_std=self._preceding_std,
             jerk=self._jerk,

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from zoac.algorithm.advantage import estimate
-from zoac.segments import Proposal, Segment
+from zoac.core.segments import Proposal, Segment
 
 GAMMA, LAM = 0.9, 0.8
 
 
-def make_segment(rng, length, lane=0, terminated=False, truncated=False, starts=False):
+def make_segment(rng, length, env_index=0, terminated=False, truncated=False, starts=False):
     return Segment(
-        proposal=Proposal(np.zeros(1), lane),
+        proposal=Proposal(np.zeros(1), env_index),
         observations=rng.normal(size=(length + 1, 2)),
         actions=np.zeros((length, 1)),
         commands=np.zeros((length, 1)),
@@ -71,13 +71,13 @@ def test_lambda_0_gives_one_step_targets(rng):
     np.testing.assert_allclose(targets, segment.costs + GAMMA * values[1:])
 
 
-def test_episodes_and_lanes_do_not_leak_into_each_other(rng):
+def test_episodes_and_environments_do_not_leak_into_each_other(rng):
     plan = [
-        make_segment(rng, 3, lane=0, starts=True),
-        make_segment(rng, 3, lane=1, starts=True),
-        make_segment(rng, 2, lane=0, terminated=True),
-        make_segment(rng, 3, lane=1),
-        make_segment(rng, 3, lane=0, starts=True),
+        make_segment(rng, 3, env_index=0, starts=True),
+        make_segment(rng, 3, env_index=1, starts=True),
+        make_segment(rng, 2, env_index=0, terminated=True),
+        make_segment(rng, 3, env_index=1),
+        make_segment(rng, 3, env_index=0, starts=True),
     ]
     values = [rng.normal(size=s.length + 1) for s in plan]
     _, together = estimate(plan, values, GAMMA, LAM)

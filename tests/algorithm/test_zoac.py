@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.support import CountingTask, lane_group
+from tests.support import CountingTask, engine
 from zoac.algorithm import zoac as zoac_module
 from zoac.algorithm.zoac import Zoac
-from zoac.tuner import Problem
+from zoac.core.tuner import Problem
 
 OPTIONS = {
     "segment_length": 3,
@@ -19,8 +19,8 @@ OPTIONS = {
 }
 
 
-def make_zoac(seed=0, lanes=4, **options):
-    problem = Problem(CountingTask.space, 3, lanes, 1000, 7, seed)
+def make_zoac(seed=0, num_envs=4, **options):
+    problem = Problem(CountingTask.space, 3, num_envs, 1000, 7, seed)
     return Zoac(problem, **{**OPTIONS, **options})
 
 
@@ -31,43 +31,43 @@ def iterate(tuner, group, times=1):
 
 
 def test_asks_for_n_h_segments_of_n_steps_around_the_iterate():
-    tuner = make_zoac(lanes=500, segments=4)
+    tuner = make_zoac(num_envs=500, segments=4)
     proposals = tuner.ask()
-    assert [p.lane for p in proposals] == list(range(500)) * 4
+    assert [p.env_index for p in proposals] == list(range(500)) * 4
     assert {p.horizon for p in proposals} == {3}
-    offsets = (np.stack([p.z for p in proposals]) - tuner._theta) / 0.1
+    offsets = (np.stack([p.x for p in proposals]) - tuner._theta) / 0.1
     assert abs(offsets.mean()) < 0.1
     assert offsets.std() == pytest.approx(1.0, abs=0.05)
 
 
-def test_mirrored_lanes_use_opposite_noise():
-    tuner = make_zoac(lanes=4, mirrored=True)
-    z = np.stack([p.z for p in tuner.ask()]).reshape(2, 4, 2) - tuner._theta
-    np.testing.assert_allclose(z[:, 0], -z[:, 1])
-    np.testing.assert_allclose(z[:, 2], -z[:, 3])
+def test_mirrored_environments_use_opposite_noise():
+    tuner = make_zoac(num_envs=4, mirrored=True)
+    x = np.stack([p.x for p in tuner.ask()]).reshape(2, 4, 2) - tuner._theta
+    np.testing.assert_allclose(x[:, 0], -x[:, 1])
+    np.testing.assert_allclose(x[:, 2], -x[:, 3])
 
 
 def test_step_size_falls_linearly_then_holds():
-    tuner, group = make_zoac(), lane_group(CountingTask(), [0, 1, 2, 3])
+    tuner, group = make_zoac(), engine(CountingTask(), [0, 1, 2, 3])
     sizes = [iterate(tuner, group)["step_size"] for _ in range(14)]
     expected = [max(0.01, 0.03 - 0.002 * i) for i in range(14)]
     np.testing.assert_allclose(sizes, expected)
 
 
 def test_without_annealing_the_step_size_stays():
-    tuner, group = make_zoac(anneal=False), lane_group(CountingTask(), [0, 1, 2, 3])
+    tuner, group = make_zoac(anneal=False), engine(CountingTask(), [0, 1, 2, 3])
     assert [iterate(tuner, group)["step_size"] for _ in range(3)] == [0.03] * 3
 
 
 def test_goes_down_the_cost():
     """The cost of `CountingTask` grows with parameter a, so a must fall to its lower bound."""
-    tuner, group = make_zoac(lanes=20), lane_group(CountingTask(), list(range(20)))
+    tuner, group = make_zoac(num_envs=20), engine(CountingTask(), list(range(20)))
     iterate(tuner, group, 150)
-    assert CountingTask.space.physical(tuner.recommend())["a"] < 0.2
+    assert CountingTask.space.denormalise(tuner.recommend())["a"] < 0.2
 
 
 def test_advantages_come_from_the_critic_before_its_update():
-    tuner, group = make_zoac(), lane_group(CountingTask(), [0, 1, 2, 3])
+    tuner, group = make_zoac(), engine(CountingTask(), [0, 1, 2, 3])
     segments = group.rollout(tuner.ask())
     values = tuner._critic.values(np.concatenate([s.observations for s in segments]))
     assert tuner.tell(segments)["value_mean"] == float(values.mean())
@@ -76,7 +76,7 @@ def test_advantages_come_from_the_critic_before_its_update():
 def test_same_seed_same_numbers_and_another_seed_others():
     def last(seed):
         tuner = make_zoac(seed)
-        iterate(tuner, lane_group(CountingTask(), [0, 1, 2, 3]), 3)
+        iterate(tuner, engine(CountingTask(), [0, 1, 2, 3]), 3)
         return tuner.recommend().tolist()
 
     assert last(0) == last(0) != last(1)
@@ -85,12 +85,12 @@ def test_same_seed_same_numbers_and_another_seed_others():
 def test_average_is_recommended_when_asked_for():
     tuner = make_zoac(recommend="average", average_decay=0.5)
     start = tuner.recommend()
-    iterate(tuner, lane_group(CountingTask(), [0, 1, 2, 3]))
+    iterate(tuner, engine(CountingTask(), [0, 1, 2, 3]))
     np.testing.assert_allclose(tuner.recommend(), 0.5 * (start + tuner._theta))
 
 
 def test_costs_that_are_not_finite_count_as_the_worst_seen():
-    tuner, group = make_zoac(), lane_group(CountingTask(), [0, 1, 2, 3])
+    tuner, group = make_zoac(), engine(CountingTask(), [0, 1, 2, 3])
     segments = group.rollout(tuner.ask())
     worst = max(float(s.costs.max()) for s in segments)
     broken = [segments[0].with_costs(np.full(3, np.nan)), *segments[1:]]
@@ -103,8 +103,8 @@ def test_costs_that_are_not_finite_count_as_the_worst_seen():
 
 @pytest.mark.parametrize(("project", "leaves"), [(True, False), (False, True)])
 def test_the_iterate_stays_in_the_box_unless_told_otherwise(project, leaves):
-    tuner = make_zoac(lanes=20, project=project, step_size_slope=0.0)
-    iterate(tuner, lane_group(CountingTask(), list(range(20))), 80)
+    tuner = make_zoac(num_envs=20, project=project, step_size_slope=0.0)
+    iterate(tuner, engine(CountingTask(), list(range(20))), 80)
     assert bool((np.abs(tuner._theta) > 1).any()) is leaves
     assert (np.abs(tuner.recommend()) <= 1).all()
 
@@ -113,25 +113,25 @@ def test_when_the_critic_is_updated_changes_no_number():
     early, late = make_zoac(), make_zoac()
     for _ in range(3):
         (metrics, other) = (
-            tuner.tell(lane_group(CountingTask(), [0, 1, 2, 3]).rollout(tuner.ask()))
+            tuner.tell(engine(CountingTask(), [0, 1, 2, 3]).rollout(tuner.ask()))
             for tuner in (early, late)
         )
         assert metrics == other
         recommended = early.recommend()
-        early.meanwhile()
-        early.meanwhile()
+        early.background_update()
+        early.background_update()
         np.testing.assert_array_equal(early.recommend(), recommended)
     np.testing.assert_equal(early.state(), late.state())
 
 
 def test_critic_is_updated_once_for_each_iteration():
-    tuner, group = make_zoac(), lane_group(CountingTask(), [0, 1, 2, 3])
+    tuner, group = make_zoac(), engine(CountingTask(), [0, 1, 2, 3])
     asked = [iterate(tuner, group) for _ in range(3)]
     assert "critic_loss" not in asked[0]
     assert asked[1]["critic_loss"] != asked[2]["critic_loss"]
-    tuner.meanwhile()
+    tuner.background_update()
     weights = tuner._critic.state()["weights"]
-    tuner.meanwhile()
+    tuner.background_update()
     np.testing.assert_array_equal(tuner._critic.state()["weights"], weights)
 
 
@@ -159,29 +159,29 @@ def shown(segments, factor=1.0, costs=None):
     ],
 )
 def test_what_float32_cannot_hold_leaves_parameters_and_critic_finite(factor, costs, normalise):
-    tuner, group = make_zoac(normalise_observations=normalise), lane_group(CountingTask(), range(4))
+    tuner, group = make_zoac(normalise_observations=normalise), engine(CountingTask(), range(4))
     with np.errstate(all="ignore"):
         for _ in range(3):
             tuner.tell(shown(group.rollout(tuner.ask()), factor, costs))
         iterate(tuner, group, 3)  # the plant is itself again
         seen = np.concatenate([s.observations for s in group.rollout(tuner.ask())])
-        tuner.meanwhile()
+        tuner.background_update()
     assert np.isfinite(tuner.recommend()).all()
     assert np.isfinite(tuner._critic.values(seen)).all()
 
 
 def test_huge_costs_still_show_the_way():
     """Squares of these costs overflow; their order does not."""
-    tuner, group = make_zoac(lanes=20), lane_group(CountingTask(), list(range(20)))
+    tuner, group = make_zoac(num_envs=20), engine(CountingTask(), list(range(20)))
     with np.errstate(all="ignore"):
         for _ in range(120):
             segments = group.rollout(tuner.ask())
             tuner.tell([s.with_costs(1e180 * s.costs) for s in segments])
-    assert CountingTask.space.physical(tuner.recommend())["a"] < 2.0
+    assert CountingTask.space.denormalise(tuner.recommend())["a"] < 2.0
 
 
 def test_an_update_without_a_finite_gradient_is_skipped_and_counted(monkeypatch):
-    tuner, group = make_zoac(), lane_group(CountingTask(), range(4))
+    tuner, group = make_zoac(), engine(CountingTask(), range(4))
     assert "skipped_updates" not in iterate(tuner, group)
     before = tuner.recommend()
     monkeypatch.setattr(zoac_module, "zeroth_order_gradient", lambda *_: np.array([np.nan, 1.0]))

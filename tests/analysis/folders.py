@@ -1,4 +1,4 @@
-"""Run folders made to measure, in the schema of `zoac.records`."""
+"""Run folders made to measure, in the schema of `zoac.runs.schema`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from zoac import records
+from zoac.runs import schema
 
 PID = {
     "_target_": "zoac.tasks.pid_acc.PidAcc",
@@ -60,23 +60,23 @@ def write_run(
         "tuner": {"_target_": f"somewhere.{tuner}"},
         "seed": seed,
         "budget": 1000,
-        "lanes": 2,
-        "executor": {"_target_": "zoac.executor.Serial"},
+        "num_envs": 2,
+        "executor": {"_target_": "zoac.executors.base.Serial"},
         "eval_every": 500,
         "evaluation": {"episodes": 2, "final_episodes": len(costs), "seed": 0},
         "variant": variant,
         **(config or {}),
     }
     shared = {
-        "format": records.FORMAT,
+        "format": schema.FORMAT,
         "task": task,
         "tuner": tuner,
         "seed": seed,
         "variant": variant,
-        "config_hash": records.config_hash(settings),
+        "config_hash": schema.config_hash(settings),
     }
     _write(
-        folder / records.RUN,
+        folder / schema.RUN,
         {
             **shared,
             "config": settings,
@@ -126,8 +126,8 @@ def write_run(
             **(result or {}),
         }
         rows.append({"kind": "eval", **outcome, "final": True})
-        _write(folder / records.RESULT, {**shared, **outcome})
-    (folder / records.METRICS).write_text("".join(json.dumps(row) + "\n" for row in rows))
+        _write(folder / schema.RESULT, {**shared, **outcome})
+    (folder / schema.METRICS).write_text("".join(json.dumps(row) + "\n" for row in rows))
     return folder
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from tests.analysis.folders import PID, write_run
 from zoac.analysis import beyond
-from zoac.analysis.load import load
+from zoac.analysis.data.load import load
 
 
 @pytest.fixture
@@ -42,8 +42,10 @@ def test_the_budget_is_a_column_and_other_options_a_row(runs):
 
 
 def test_tuners_on_other_terms_are_rows_of_their_own(runs):
-    write_run(runs, seed=0, costs=(1.5, 1.5), variant="scout=40", config={"scout": 40})
-    assert rows(runs)["scout=40"] == {1000: {0: 0.5}}
+    write_run(
+        runs, seed=0, costs=(1.5, 1.5), variant="initial_samples=40", config={"initial_samples": 40}
+    )
+    assert rows(runs)["initial_samples=40"] == {1000: {0: 0.5}}
 
 
 def test_seeds_can_be_kept_apart(runs):

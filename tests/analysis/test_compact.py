@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from tests.analysis.folders import write_run
-from zoac.analysis import beyond, compact, curves, landscape, replay, table2
-from zoac.analysis.load import load
+from zoac.analysis import beyond, compact, curves, landscape, table2
+from zoac.analysis.data import replay
+from zoac.analysis.data.load import load
 
 RESULTS = Path(__file__).parents[2] / "results"
 

@@ -7,8 +7,8 @@ import pytest
 
 from tests.analysis.folders import write_run
 from zoac.analysis.curves import Curve, all_panels, main, series
-from zoac.analysis.load import load, read
-from zoac.errors import ConfigError, RunFolderError
+from zoac.analysis.data.load import load, read
+from zoac.core.errors import ConfigError, RunFolderError
 
 
 def curve(root: Path, tuner: str, metric: str | None = None, against: str = "env_steps") -> Curve:

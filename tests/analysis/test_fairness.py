@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from tests.analysis.folders import write_run
-from zoac.analysis.fairness import refuse_mixed, refuse_unequal
-from zoac.analysis.load import load
-from zoac.errors import RunFolderError
+from zoac.analysis.data.fairness import refuse_mixed, refuse_unequal
+from zoac.analysis.data.load import load
+from zoac.core.errors import RunFolderError
 
 
 def test_seeds_of_different_configurations_are_not_averaged(tmp_path: Path) -> None:
@@ -43,7 +43,7 @@ def test_seeds_on_two_plants_of_one_name_never_count_as_one_method(
 
 def test_where_a_run_was_executed_does_not_set_it_apart(tmp_path: Path) -> None:
     write_run(tmp_path, seed=0)
-    write_run(tmp_path, seed=1, config={"executor": {"_target_": "zoac.executor.Process"}})
+    write_run(tmp_path, seed=1, config={"executor": {"_target_": "zoac.executors.base.Process"}})
     refuse_mixed(load(tmp_path).runs)
 
 

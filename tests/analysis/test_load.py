@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from tests.analysis.folders import write_run
-from zoac.analysis.frames import evaluations_frame, numbers, results_frame
-from zoac.analysis.load import load, read
-from zoac.errors import RunFolderError
+from zoac.analysis.data.frames import evaluations_frame, numbers, results_frame
+from zoac.analysis.data.load import load, read
+from zoac.core.errors import RunFolderError
 
 
 def skipped(root: Path) -> list[str]:
@@ -138,7 +138,7 @@ def test_frames_carry_identity_and_parameters(sweep: Path) -> None:
 
 
 def test_true_and_false_are_no_numbers() -> None:
-    assert numbers({"a": 1, "b": 2.5, "final": True, "kind": "eval", "z": [0.0]}) == {
+    assert numbers({"a": 1, "b": 2.5, "final": True, "kind": "eval", "x": [0.0]}) == {
         "a": 1,
         "b": 2.5,
     }

@@ -7,7 +7,7 @@ import pytest
 
 import zoac
 from tests.analysis.folders import GAINS
-from zoac.analysis import replay
+from zoac.analysis.data import replay
 from zoac.tasks import rendering
 from zoac.tasks.pid_acc import PidAcc
 from zoac.tasks.pid_acc.plant import demonstration_profile
@@ -72,8 +72,8 @@ def test_traces_of_car_following_show_the_profile_it_followed() -> None:
 
 def test_traces_of_tracking_begin_at_the_demonstration_start() -> None:
     task = zoac.make_task("mpc_tracking", max_episode_steps=2)
-    assert task.nominal is not None
-    (segment,) = replay.demonstrate(task, [task.nominal])
+    assert task.baseline is not None
+    (segment,) = replay.demonstrate(task, [task.baseline])
     traces = {trace.title: trace for trace in task.traces(segment)}
     assert traces["Lateral error [m]"].y[0] == pytest.approx(0.25)
     assert traces["Heading error [°]"].y[0] == pytest.approx(math.degrees(0.04))

@@ -8,14 +8,16 @@ import pytest
 from PIL import Image
 
 from tests.analysis.folders import GAINS, NOMINAL, PID, write_run
-from zoac.analysis import film, landscape, replay, trajectories
-from zoac.analysis.load import load, read
-from zoac.analysis.selection import chosen, median_run
-from zoac.errors import ConfigError, RunFolderError
-from zoac.evaluation import evaluation_proposals
-from zoac.parameters import ParameterSpace, choice
-from zoac.rollout import LaneGroup
-from zoac.task import Task
+from zoac.analysis import landscape, trajectories
+from zoac.analysis.data import replay
+from zoac.analysis.data.load import load, read
+from zoac.analysis.data.selection import chosen, median_run
+from zoac.analysis.figures import film
+from zoac.core.errors import ConfigError, RunFolderError
+from zoac.core.parameters import ParameterSpace, choice
+from zoac.core.task import Task
+from zoac.rollout.engine import RolloutEngine
+from zoac.rollout.evaluation import evaluation_proposals
 from zoac.tasks.pid_acc import PidAcc
 
 
@@ -39,7 +41,7 @@ def test_the_demonstration_is_the_tasks_own(task: PidAcc) -> None:
     (segment,) = replay.demonstrate(task, [GAINS])
     env, controller = task.make_env(1), task.make_controller()
     observation, _ = env.reset(options={"demonstration": True})
-    params = task.space.physical(task.space.unit(GAINS)[None])
+    params = task.space.denormalise(task.space.normalise(GAINS)[None])
     for step in range(segment.length):
         np.testing.assert_array_equal(segment.observations[step], observation[0])
         action, _, _ = controller.act(params, observation, {})
@@ -68,17 +70,19 @@ def test_a_controller_that_fails_costs_in_the_demonstration_what_it_cost_in_the_
 
 
 def test_costs_are_those_of_the_evaluation(task: PidAcc) -> None:
-    points = task.space.unit({name: np.array([GAINS[name], NOMINAL[name]]) for name in GAINS})
-    group = LaneGroup(task, range(3), [0] * 3)
+    points = task.space.normalise({name: np.array([GAINS[name], NOMINAL[name]]) for name in GAINS})
+    group = RolloutEngine(task, range(3), [0] * 3)
     direct = [s.costs.sum() for s in group.rollout(evaluation_proposals(points[1], 3, seed=7))]
     np.testing.assert_array_equal(replay.costs(task, points, 3, seed=7)[1], direct)
 
 
-def test_lanes_may_be_fewer_than_episodes(task: PidAcc, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_environments_may_be_fewer_than_episodes(
+    task: PidAcc, monkeypatch: pytest.MonkeyPatch
+) -> None:
     points = np.zeros((3, 4))
     points[:, 0] = (-1.0, 0.0, 1.0)
     wide = replay.costs(task, points, 3, seed=0)
-    monkeypatch.setattr(replay, "LANES", 2)
+    monkeypatch.setattr(replay, "NUM_ENVS", 2)
     np.testing.assert_array_equal(replay.costs(task, points, 3, seed=0), wide)
 
 
@@ -86,7 +90,7 @@ def test_a_slice_passes_through_the_tuned_parameters(task: PidAcc, tmp_path: Pat
     run = read(write_run(tmp_path))
     (part,) = landscape.sliced(task, run, ["Kp"], points=11, episodes=2)
     np.testing.assert_allclose(part.values, np.linspace(0, 10, 11))
-    tuned = replay.costs(task, task.space.unit(run.outcome["parameters"])[None], 2, seed=0)
+    tuned = replay.costs(task, task.space.normalise(run.outcome["parameters"])[None], 2, seed=0)
     np.testing.assert_allclose(part.costs[1], tuned[0])  # Kp was tuned to 1
 
 

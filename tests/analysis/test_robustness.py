@@ -9,11 +9,12 @@ import pytest
 from gymnasium.spaces import Box
 
 import zoac
-import zoac.adapters
+import zoac.envs.user_task
 from tests.analysis.folders import PID, write_run
-from zoac.analysis import replay, robustness
-from zoac.analysis.load import read
-from zoac.errors import ConfigError
+from zoac.analysis import robustness
+from zoac.analysis.data import replay
+from zoac.analysis.data.load import read
+from zoac.core.errors import ConfigError
 from zoac.tasks.pid_acc import PidAcc
 
 QUICK = ["--plants", "3", "--episodes", "2", "--format", "svg"]
@@ -78,12 +79,12 @@ def test_tail_risk_is_the_mean_of_the_costliest_tenth():
 
 
 def test_a_plant_that_varies_while_tuning_is_fixed_when_it_is_set():
-    task = zoac.adapters.user_task(
+    task = zoac.envs.user_task.user_task(
         env=Gain, controller=act, space={"u": (0, 1), "idle": 0.0}, vary={"g": (0.5, 2.0)},
         max_episode_steps=2,
     )  # fmt: skip
-    spread = np.ptp(replay.costs(task, np.array([[1.0]]), 20, 0))
-    assert spread > 1.0 + 1e-3  # more than the noise alone
+    mean_std = np.ptp(replay.costs(task, np.array([[1.0]]), 20, 0))
+    assert mean_std > 1.0 + 1e-3  # more than the noise alone
     fixed = task.with_plant({"g": 1.0})
     assert np.ptp(replay.costs(fixed, np.array([[1.0]]), 20, 0)) < 2.0
 

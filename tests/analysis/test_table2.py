@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 from tests.analysis.folders import NOMINAL, write_run
-from zoac.analysis.comparison import compare
-from zoac.analysis.formatting import estimate, plus_minus
-from zoac.analysis.load import load
-from zoac.analysis.stats import Interval, Spread
+from zoac.analysis.data.load import load
+from zoac.analysis.pages.formatting import estimate, plus_minus
+from zoac.analysis.statistics.comparison import compare
+from zoac.analysis.statistics.stats import Interval, MeanStd
 from zoac.analysis.table2 import csv, latex, main, main_cells, markdown
 
 
@@ -39,10 +39,10 @@ def test_a_row_is_mean_and_sample_deviation_over_seeds(sweep: Path) -> None:
 
 
 def test_what_a_tuner_chose_is_told_if_all_its_seeds_chose_it(tmp_path: Path) -> None:
-    for seed, spread in ((0, 0.1), (1, 0.2)):
+    for seed, mean_std in ((0, 0.1), (1, 0.2)):
         folder = write_run(tmp_path, "cmaes", seed)
         content = json.loads((folder / "run.json").read_text())
-        content["tuner_choices"] = {"population": 11, "spread": spread}
+        content["tuner_choices"] = {"population": 11, "spread": mean_std}
         (folder / "run.json").write_text(json.dumps(content))
     assert "- CMA-ES: population 11\n" in table(tmp_path)
 
@@ -93,11 +93,11 @@ def test_a_cost_that_is_not_a_number_is_named_and_nothing_is_averaged(sweep: Pat
 def test_mixed_configurations_end_with_one_message(
     sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_run(sweep, "zoac", 5, config={"lanes": 4})
+    write_run(sweep, "zoac", 5, config={"num_envs": 4})
     assert main([str(sweep), "--task", "pid_acc", "--out", str(tmp_path / "t")]) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: the runs of zoac on pid_acc differ in their configuration")
-    assert "  lanes: 2 in seed 0, seed 1, seed 2, seed 3, seed 4; 4 in seed 5" in error
+    assert "  environments: 2 in seed 0, seed 1, seed 2, seed 3, seed 4; 4 in seed 5" in error
     assert not (tmp_path / "t").exists()
 
 
@@ -178,8 +178,8 @@ def test_latex_has_a_cell_for_every_column(tmp_path: Path) -> None:
 def test_at_a_smaller_budget_a_run_counts_as_it_stood_then(sweep: Path) -> None:
     comparison = compare(load(sweep), "pid_acc", budget=499)
     zoac, nominal = comparison.summaries[0], comparison.summaries[-1]
-    assert zoac.cost_spread is not None
-    assert zoac.cost_spread.mean == 50.0
+    assert zoac.cost_std is not None
+    assert zoac.cost_std.mean == 50.0
     # Two episodes then; the nominal controller's first two are the same ones.
     assert comparison.episodes == 2
     assert nominal.cost is not None
@@ -199,16 +199,16 @@ def test_times_of_different_machines_are_flagged(sweep: Path) -> None:
 @pytest.mark.parametrize(
     ("spread", "shown"),
     [
-        (Spread(41.72, 3.84), "41.7 ± 3.8"),
-        (Spread(2.94e-4, 1.36e-4), "(2.9 ± 1.4)e-4"),
-        (Spread(2.66e4, 1.2e3), "(2.7 ± 0.1)e4"),
-        (Spread(1.976, 0.0213), "1.98 ± 0.02"),
-        (Spread(37.16, float("nan")), "37.16"),
+        (MeanStd(41.72, 3.84), "41.7 ± 3.8"),
+        (MeanStd(2.94e-4, 1.36e-4), "(2.9 ± 1.4)e-4"),
+        (MeanStd(2.66e4, 1.2e3), "(2.7 ± 0.1)e4"),
+        (MeanStd(1.976, 0.0213), "1.98 ± 0.02"),
+        (MeanStd(37.16, float("nan")), "37.16"),
         (None, "--"),
     ],
 )
-def test_numbers_read_as_the_paper_prints_them(spread: Spread | None, shown: str) -> None:
-    assert plus_minus(spread) == shown
+def test_numbers_read_as_the_paper_prints_them(mean_std: MeanStd | None, shown: str) -> None:
+    assert plus_minus(mean_std) == shown
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_bounds_can_be_told_apart(interval: Interval, shown: str) -> None:
     assert estimate(interval, sign=True) == shown
 
 
-def test_violations_are_told_as_a_share_where_a_task_has_constraints(tmp_path):
+def test_violations_are_told_as_a_fraction_where_a_task_has_constraints(tmp_path):
     for seed, count in enumerate((0, 2, 4)):
         counted = {"violations": count, "violations_by_constraint": {}}
         write_run(tmp_path, "zoac", seed, result=counted)
@@ -232,7 +232,7 @@ def test_violations_are_told_as_a_share_where_a_task_has_constraints(tmp_path):
     assert "violations_mean" in csv(compare(load(tmp_path), "pid_acc"))
 
 
-def test_shares_in_violation_compare_between_evaluations_of_different_length(tmp_path):
+def test_fractions_in_violation_compare_between_evaluations_of_different_length(tmp_path):
     metrics = write_run(tmp_path, "zoac", result={"violations": 4}) / "metrics.jsonl"
     metrics.write_text(
         metrics.read_text().replace('"final": false', '"final": false, "violations": 1')

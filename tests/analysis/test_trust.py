@@ -15,10 +15,10 @@ import pytest
 import zoac
 from tests.analysis.folders import NOMINAL, PID, write_run
 from tests.support import Traps
-from zoac.config import compose_config, resolved
-from zoac.errors import RunFolderError
-from zoac.results import task_of_run
-from zoac.trust import foreign_code
+from zoac.config.compose import compose_config, resolved
+from zoac.core.errors import RunFolderError
+from zoac.runs.result import task_of_run
+from zoac.runs.trust import foreign_code
 
 ROOT = Path(__file__).parents[2]
 COMMANDS = sorted(p.stem for p in (ROOT / "analysis").glob("*.py") if "def main(" in p.read_text())
@@ -47,14 +47,21 @@ def trace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def kinds(trace: Path) -> dict[str, Any]:
     """Return configurations of a task that would leave the trace."""
-    user = {"_target_": "zoac.adapters.user_task", "env": "CartPole-v1", "space": {"k": [0, 1]}}
+    user = {
+        "_target_": "zoac.envs.user_task.user_task",
+        "env": "CartPole-v1",
+        "space": {"k": [0, 1]},
+    }
     inner = {"_target_": "trap.Task"}
     return {
         "pickle": {"space": [], "fixed": {}},
         "module": inner,
         "callable": {"_target_": "os.system", "command": f"touch {trace}"},
-        "callable seen from zoac": {"_target_": "zoac.session.os.system", "command": "true"},
-        "function of zoac": {"_target_": "zoac.records.write_atomically", "path": str(trace)},
+        "callable seen from zoac": {
+            "_target_": "zoac.training.lifecycle.os.system",
+            "command": "true",
+        },
+        "function of zoac": {"_target_": "zoac.runs.schema.write_atomically", "path": str(trace)},
         "maker of zoac": {"_target_": "zoac.api.make_task", "name": "trap"},
         "solver": {"_target_": "zoac.tasks.mpc_tracking.MpcTracking", "solver": inner},
         "in a list": {**PID, "more": [inner]},
@@ -112,7 +119,7 @@ def test_what_would_be_loaded_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", ["zoac.tasks.register", "zoac.tasks.lqr.task.Task", "zoac.tasks"])
-def test_only_classes_of_zoacs_own_tasks_and_solvers_need_no_trust(path: str) -> None:
+def test_only_classes_of_zoacs_own_tasks_and_solvers_need_no_initial_sigma(path: str) -> None:
     assert foreign_code({"_target_": path}) == [f"task._target_: {path}"]
 
 
@@ -126,7 +133,7 @@ def test_what_is_trusted_is_loaded(tmp_path: Path, trace: Path) -> None:
 
 
 @pytest.mark.parametrize("command", sorted(REPLAYING))
-def test_each_command_that_replays_takes_trust(
+def test_each_command_that_replays_takes_initial_sigma(
     command: str, tmp_path: Path, trace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_run(tmp_path / "runs", config={"task": {**PID, "_target_": "trap.Task"}})
@@ -141,6 +148,6 @@ def choices(group: str) -> list[str]:
 
 @pytest.mark.parametrize("solver", choices("mpc_solver"))
 @pytest.mark.parametrize("task", choices("task"))
-def test_no_task_of_zoac_needs_trust(task: str, solver: str) -> None:
+def test_no_task_of_zoac_needs_initial_sigma(task: str, solver: str) -> None:
     config = resolved(compose_config([f"task={task}", f"mpc_solver={solver}"]))
     assert foreign_code(config["task"]) == []

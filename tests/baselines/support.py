@@ -11,25 +11,25 @@ from gymnasium.spaces import Box
 from omegaconf import OmegaConf
 
 import zoac.conf
-from zoac.environment import ArrayLanes
-from zoac.parameters import Parameter, ParameterSpace
-from zoac.rollout import LaneGroup
-from zoac.seeding import stream_seed
-from zoac.segments import Segment
-from zoac.task import Task
-from zoac.tuner import Problem, Tuner
+from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.core.seeding import stream_seed
+from zoac.core.segments import Segment
+from zoac.core.task import Task
+from zoac.core.tuner import Problem, Tuner
+from zoac.envs.base import ArrayVecEnv
+from zoac.rollout.engine import RolloutEngine
 
 CONF = Path(zoac.conf.__path__[0])
 STEPS = 10
-LANES = 5
+NUM_ENVS = 5
 TARGET = np.array([0.3, -0.5, 0.1, 0.6, -0.2])
 
 
-def true_cost(z: np.ndarray) -> float:
-    return float(((z - TARGET) ** 2).sum())
+def true_cost(x: np.ndarray) -> float:
+    return float(((x - TARGET) ** 2).sum())
 
 
-class QuadraticLanes(ArrayLanes):
+class QuadraticVecEnv(ArrayVecEnv):
     """An episode of ten steps costs the distance to TARGET squared, plus noise."""
 
     def __init__(self, n: int) -> None:
@@ -37,8 +37,8 @@ class QuadraticLanes(ArrayLanes):
         super().__init__(n, box, Box(-np.inf, np.inf, (5,), np.float64), STEPS)
         self.arrays = {"noise": np.zeros((n, 1))}
 
-    def _start(self, lane: int, rng: np.random.Generator, demonstration: bool) -> None:
-        self.arrays["noise"][lane] = rng.normal(0.0, 0.1)
+    def _start(self, env_index: int, rng: np.random.Generator, demonstration: bool) -> None:
+        self.arrays["noise"][env_index] = rng.normal(0.0, 0.1)
 
     def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         cost = ((actions - TARGET) ** 2).sum(axis=1) + self.arrays["noise"][:, 0]
@@ -61,21 +61,21 @@ class Pass:
 class Quadratic(Task):
     space = ParameterSpace([Parameter(name, -1.0, 1.0) for name in "abcde"])
 
-    def make_env(self, n: int) -> QuadraticLanes:
-        return QuadraticLanes(n)
+    def make_env(self, n: int) -> QuadraticVecEnv:
+        return QuadraticVecEnv(n)
 
     def make_controller(self) -> Pass:
         return Pass()
 
 
 def problem(seed: int = 0, episodes: int = 100, **changes: Any) -> Problem:
-    made = Problem(Quadratic.space, 1, LANES, episodes * STEPS, STEPS, seed, np.zeros(5))
+    made = Problem(Quadratic.space, 1, NUM_ENVS, episodes * STEPS, STEPS, seed, np.zeros(5))
     return replace(made, **changes)
 
 
-def lanes(seed: int = 0) -> LaneGroup:
-    seeds = [stream_seed(seed, "lane", lane) for lane in range(LANES)]
-    return LaneGroup(Quadratic(), range(LANES), seeds)
+def num_envs(seed: int = 0) -> RolloutEngine:
+    seeds = [stream_seed(seed, "lane", env_index) for env_index in range(NUM_ENVS)]
+    return RolloutEngine(Quadratic(), range(NUM_ENVS), seeds)
 
 
 def tuner_config(name: str) -> dict[str, Any]:
@@ -100,7 +100,7 @@ def spoiled(segment: Segment, cost: float) -> Segment:
     return segment.with_costs(np.full(segment.length, cost))
 
 
-def drive(tuner: Tuner, group: LaneGroup, steps: int, spoil: Any = None) -> list[np.ndarray]:
+def drive(tuner: Tuner, group: RolloutEngine, steps: int, spoil: Any = None) -> list[np.ndarray]:
     """Ask and tell for at least `steps` steps, if the tuner wants them; return what was asked.
 
     `spoil(i, segment)`, if given, returns what is told in place of the i-th segment.
@@ -112,5 +112,5 @@ def drive(tuner: Tuner, group: LaneGroup, steps: int, spoil: Any = None) -> list
         if spoil is not None:
             segments = [spoil(len(asked) + i, s) for i, s in enumerate(segments)]
         tuner.tell(segments)
-        asked += [p.z for p in proposals]
+        asked += [p.x for p in proposals]
     return asked

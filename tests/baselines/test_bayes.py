@@ -7,14 +7,14 @@ from bayes_opt.util import UtilityFunction, acq_max
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import Matern
 
-from tests.baselines.support import STEPS, TARGET, drive, lanes, problem, spoiled, true_cost
+from tests.baselines.support import STEPS, TARGET, drive, num_envs, problem, spoiled, true_cost
 from zoac.baselines.acquisition import Acquisition
 from zoac.baselines.bo import BayesOpt, BoundedRegressor, kept_observations, maximise
 from zoac.baselines.optuna import Optuna, normal_scores
 from zoac.baselines.random_search import RandomSearch
-from zoac.errors import ConfigError
-from zoac.outcomes import CostRange
-from zoac.state import decode, encode
+from zoac.core.errors import ConfigError
+from zoac.core.outcomes import CostRange
+from zoac.core.state import decode, encode
 
 # The library's estimate of the length scale ends at a bound now and then.
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -125,7 +125,7 @@ def test_the_acquisition_is_maximised_inside_the_box():
 
 
 def test_bo_evaluates_its_start_first():
-    assert np.array_equal(BayesOpt(problem(nominal=TARGET), start="nominal").ask()[0].z, TARGET)
+    assert np.array_equal(BayesOpt(problem(start=TARGET), start="baseline").ask()[0].x, TARGET)
 
 
 def test_bo_describes_the_random_design_it_makes():
@@ -133,31 +133,34 @@ def test_bo_describes_the_random_design_it_makes():
     assert tuner.describe()["initial_design"] == 7
     for _ in range(7):
         assert not hasattr(tuner._optimizer.bo._gp, "X_train_")
-        drive(tuner, lanes(), 1)
+        drive(tuner, num_envs(), 1)
     tuner.ask()
     assert hasattr(tuner._optimizer.bo._gp, "X_train_")
 
 
 def test_bo_takes_the_same_point_twice():
-    tuner = BayesOpt(problem(), noise=0.1, start="nominal")
-    drive(tuner, lanes(), 1)
+    tuner = BayesOpt(problem(), noise=0.1, start="baseline")
+    drive(tuner, num_envs(), 1)
     tuner._optimizer.suggest(np.zeros(5))
-    drive(tuner, lanes(), 1)
+    drive(tuner, num_envs(), 1)
     assert len(tuner._optimizer.bo.space) == 2
 
 
 def evaluate(tuner, group, z, cost):
-    """Let the tuner ask for `z` next and tell it that cost."""
+    """Let the tuner ask for `x` next and tell it that cost."""
     tuner._optimizer.suggest(z)
     segments = group.rollout(tuner.ask())
-    assert np.allclose(segments[0].proposal.z, z)
+    assert np.allclose(segments[0].proposal.x, z)
     tuner.tell([spoiled(segments[0], cost / STEPS)])
 
 
 def test_bo_can_recommend_the_lowest_posterior_mean():
     """One lucky cost does not sway a model that knows of the noise; ten of a kind do."""
     rng = np.random.default_rng(0)
-    tuner, group = BayesOpt(problem(), noise=1.0, recommendation="mean", initial_design=2), lanes()
+    tuner, group = (
+        BayesOpt(problem(), noise=1.0, recommendation="mean", initial_design=2),
+        num_envs(),
+    )
     drive(tuner, group, 3 * STEPS)  # the start and the design
     lucky = np.full(5, -0.9)
     evaluate(tuner, group, lucky, -0.3)
@@ -175,16 +178,16 @@ def test_normal_scores_are_those_of_a_normal_sample():
 
 
 def test_optuna_evaluates_its_start_first():
-    assert np.array_equal(Optuna(problem(nominal=TARGET), start="nominal").ask()[0].z, TARGET)
+    assert np.array_equal(Optuna(problem(start=TARGET), start="baseline").ask()[0].x, TARGET)
 
 
 def test_optunas_gaussian_process_restores_exactly():
     def make():
         return Optuna(problem(), initial_design=5)
 
-    tuner, group = make(), lanes()
+    tuner, group = make(), num_envs()
     drive(tuner, group, 10 * STEPS)
-    twin, twin_group = make(), lanes()
+    twin, twin_group = make(), num_envs()
     twin.restore(decode(encode(tuner.state())))
     twin_group.restore(group.state())
     np.random.seed(3)  # noqa: NPY002
@@ -194,8 +197,8 @@ def test_optunas_gaussian_process_restores_exactly():
 
 def test_optunas_gaussian_process_beats_random_search():
     tuner, random = Optuna(problem(), initial_design=10), RandomSearch(problem())
-    drive(tuner, lanes(), 25 * STEPS)
-    drive(random, lanes(), 25 * STEPS)
+    drive(tuner, num_envs(), 25 * STEPS)
+    drive(random, num_envs(), 25 * STEPS)
     assert true_cost(tuner.recommend()) < true_cost(random.recommend())
 
 
@@ -212,7 +215,7 @@ def test_a_model_sees_what_violates_as_worse_than_all_and_of_the_size_of_the_cos
 ):
     """At every ask anew: the first episode violates when nothing is known, costs grow later."""
     seen = []
-    one, group = tuner(problem()), lanes()
+    one, group = tuner(problem()), num_envs()
     prices = CostRange.prices
 
     def spy(self, outcomes):

@@ -13,17 +13,17 @@ from tests.baselines.support import (
     CONF,
     STEPS,
     drive,
-    lanes,
+    num_envs,
     problem,
     spoiled,
     true_cost,
     tuner_config,
 )
-from zoac.build import baseline_use, build
-from zoac.errors import ConfigError
-from zoac.state import decode, encode
-from zoac.trainer import Settings
-from zoac.tuner import Tuner
+from zoac.config.factory import baseline_use, build
+from zoac.core.errors import ConfigError
+from zoac.core.state import decode, encode
+from zoac.core.tuner import Tuner
+from zoac.training.trainer import Settings
 
 NAMES = sorted(path.stem for path in (CONF / "tuner").glob("*.yaml"))
 NEED_A_PICKLE = {"bo", "optuna"}  # docs/resuming.md names them
@@ -56,26 +56,26 @@ def same(one, other):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_same_seed_asks_the_same_whatever_others_draw(name):
-    first = drive(make(name), lanes(), short(name))
+    first = drive(make(name), num_envs(), short(name))
     np.random.seed(5)  # noqa: NPY002
-    assert same(first, drive(make(name), lanes(), short(name)))
+    assert same(first, drive(make(name), num_envs(), short(name)))
 
 
 @pytest.mark.parametrize("name", SEARCHING)
 def test_other_seeds_ask_otherwise(name):
-    assert not same(drive(make(name), lanes(), 1), drive(make(name, seed=1), lanes(), 1))
+    assert not same(drive(make(name), num_envs(), 1), drive(make(name, seed=1), num_envs(), 1))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_restored_tuner_goes_on_to_the_same_bits(name):
-    tuner, group = make(name), lanes()
+    tuner, group = make(name), num_envs()
     drive(tuner, group, short(name))
     encoded = encode((tuner.state(), group.state()))
     assert bool(encoded.objects) == (name in NEED_A_PICKLE)
-    state, lane_states = decode(encoded)
-    twin, twin_group = make(name), lanes()
+    state, env_states = decode(encoded)
+    twin, twin_group = make(name), num_envs()
     twin.restore(state)
-    twin_group.restore(lane_states)
+    twin_group.restore(env_states)
     assert np.array_equal(tuner.recommend(), twin.recommend())
     np.random.seed(5)  # noqa: NPY002
     assert same(drive(tuner, group, short(name)), drive(twin, twin_group, short(name)))
@@ -84,7 +84,7 @@ def test_a_restored_tuner_goes_on_to_the_same_bits(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_state_does_not_change_when_its_tuner_goes_on(name):
-    tuner, group = make(name), lanes()
+    tuner, group = make(name), num_envs()
     drive(tuner, group, short(name))
     state = tuner.state()
     recommended = tuner.recommend()
@@ -96,7 +96,7 @@ def test_a_state_does_not_change_when_its_tuner_goes_on(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_recommending_and_describing_change_nothing(name):
     watched, left_alone = make(name), make(name)
-    group, other_group = lanes(), lanes()
+    group, other_group = num_envs(), num_envs()
     for _ in range(3):
         watched.recommend()
         watched.describe()
@@ -106,12 +106,12 @@ def test_recommending_and_describing_change_nothing(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_recommendation_lies_in_the_box_from_the_start(name):
-    tuner, group = make(name), lanes()
+    tuner, group = make(name), num_envs()
     for _ in range(3):
-        z = tuner.recommend()
-        assert z.shape == (5,)
-        assert np.all(np.abs(problem().space.clip(z)) <= 1.0)
-        assert np.isfinite(z).all()
+        x = tuner.recommend()
+        assert x.shape == (5,)
+        assert np.all(np.abs(problem().space.clip(x)) <= 1.0)
+        assert np.isfinite(x).all()
         drive(tuner, group, short(name) // 3)
 
 
@@ -129,24 +129,24 @@ def test_a_tuner_that_is_given_start_values_begins_there_or_says_that_it_only_co
         config["recommendation"] = recommendation
     takes_a_start = "start" in config
     config |= {"start": "nominal"} if takes_a_start else {}
-    tuner = build(config, "tuner", Tuner, problem=problem(nominal=START, baseline=START))
-    told = baseline_use(config, SimpleNamespace(nominal={"a": 0.0}), Settings())["start values"]
+    tuner = build(config, "tuner", Tuner, problem=problem(start=START, baseline=START))
+    told = baseline_use(config, SimpleNamespace(start={"a": 0.0}), Settings())["baseline values"]
     if not takes_a_start:
         assert told == "only compared, the search does not begin there"
         return
     assert told.startswith("the search begins there")
     assert np.array_equal(tuner.recommend(), START)
-    points = np.stack([p.z for p in tuner.ask()])
+    points = np.stack([p.x for p in tuner.ask()])
     among_them = np.abs(points - START).max(axis=1).min() < 1e-6
     assert among_them or np.linalg.norm(points.mean(axis=0) - START) < 0.6
 
 
 @pytest.mark.parametrize("name", SEARCHING)
 def test_a_tuner_that_is_not_told_to_begin_at_the_start_values_says_so(name):
-    task = SimpleNamespace(nominal={"a": 0.0})
-    told = baseline_use(tuner_config(name), task, Settings())["start values"]
+    task = SimpleNamespace(start={"a": 0.0})
+    told = baseline_use(tuner_config(name), task, Settings())["baseline values"]
     assert told.startswith("only compared, the search does not begin there")
-    assert baseline_use(tuner_config(name), SimpleNamespace(nominal=None), Settings()) == {}
+    assert baseline_use(tuner_config(name), SimpleNamespace(start=None), Settings()) == {}
 
 
 WHEN = {
@@ -169,9 +169,9 @@ def test_costs_that_are_not_finite_do_not_break_it(name, bad, when):
 
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        drive(tuner, lanes(), short(name), spoil)
+        drive(tuner, num_envs(), short(name), spoil)
     assert np.isfinite(tuner.recommend()).all()
-    assert all(np.isfinite(p.z).all() for p in tuner.ask())
+    assert all(np.isfinite(p.x).all() for p in tuner.ask())
 
 
 # Of the others, those that recommend a point that they evaluated.
@@ -188,11 +188,11 @@ def test_a_bad_episode_is_never_overtaken_by_costlier_good_ones(name, bad):
         if i % 2 == 0 or i < 3:
             cheap = spoiled(segment, 0.0 if bad == "violates" else bad)
             return replace(cheap, violation=0.001) if bad == "violates" else cheap
-        good.append(segment.proposal.z)
+        good.append(segment.proposal.x)
         return spoiled(segment, 10.0 ** min(len(good), 16))
 
-    drive(tuner, lanes(), STEPS * 10, spoil)
-    assert any(np.allclose(tuner.recommend(), z, atol=1e-6) for z in good)
+    drive(tuner, num_envs(), STEPS * 10, spoil)
+    assert any(np.allclose(tuner.recommend(), x, atol=1e-6) for x in good)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -211,5 +211,5 @@ def test_beats_random_search_on_a_noisy_quadratic(name):
 @cache
 def found(name, seed, episodes):
     tuner = make(name, seed, episodes)
-    drive(tuner, lanes(seed), episodes * STEPS)
+    drive(tuner, num_envs(seed), episodes * STEPS)
     return true_cost(problem().space.clip(tuner.recommend()))

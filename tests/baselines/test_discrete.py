@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.baselines.support import LANES, STEPS, TARGET, Quadratic, drive, problem
+from tests.baselines.support import NUM_ENVS, STEPS, TARGET, Quadratic, drive, problem
 from zoac.baselines.bo import BayesOpt, rounded_points
 from zoac.baselines.optuna import Optuna, params_of, point_of
-from zoac.parameters import Parameter, ParameterSpace, choice, integer
-from zoac.rollout import LaneGroup
+from zoac.core.parameters import Parameter, ParameterSpace, choice, integer
+from zoac.rollout.engine import RolloutEngine
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
@@ -29,9 +29,9 @@ class Mixed(Quadratic):
 
 
 def make(tuner, **options):
-    mixed = problem(episodes=60, space=Mixed.space, nominal=np.zeros(Mixed.space.dimension))
-    return tuner(mixed, initial_design=10, **options), LaneGroup(
-        Mixed(), range(LANES), range(LANES)
+    mixed = problem(episodes=60, space=Mixed.space, start=np.zeros(Mixed.space.dimension))
+    return tuner(mixed, initial_design=10, **options), RolloutEngine(
+        Mixed(), range(NUM_ENVS), range(NUM_ENVS)
     )
 
 
@@ -62,7 +62,7 @@ def test_the_best_values_are_found(tuner):
 
 def test_optuna_knows_them_by_their_own_kinds():
     tuner, group = make(Optuna)
-    drive(tuner, group, LANES * STEPS)
+    drive(tuner, group, NUM_ENVS * STEPS)
     kinds = [type(d).__name__ for d in tuner._study().trials[0].distributions.values()]
     assert (
         kinds == ["FloatDistribution"] * 2 + ["IntDistribution"] + ["CategoricalDistribution"] * 2
@@ -70,10 +70,10 @@ def test_optuna_knows_them_by_their_own_kinds():
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=8, max_size=8))
-def test_a_point_keeps_its_values_through_optunas_parameters(z):
-    z = np.array(z)
-    params = params_of(z, Mixed.space)
+def test_a_point_keeps_its_values_through_optunas_parameters(x):
+    x = np.array(x)
+    params = params_of(x, Mixed.space)
     assert list(params) == list(Mixed.space.names)
     again = point_of(params, Mixed.space)
-    assert np.array_equal(again, Mixed.space.rounded(z))
-    assert np.array_equal(Mixed.space.values(again), Mixed.space.values(z))
+    assert np.array_equal(again, Mixed.space.rounded(x))
+    assert np.array_equal(Mixed.space.values(again), Mixed.space.values(x))

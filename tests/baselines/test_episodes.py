@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.baselines.support import STEPS, TARGET, drive, lanes, problem, spoiled, true_cost
+from tests.baselines.support import STEPS, TARGET, drive, num_envs, problem, spoiled, true_cost
 from zoac.baselines.es import EvolutionStrategy, es_gradient
 from zoac.baselines.nominal import NominalTuner
 from zoac.baselines.random_search import RandomSearch
-from zoac.errors import ConfigError
-from zoac.seeding import stream_seed
+from zoac.core.errors import ConfigError
+from zoac.core.seeding import stream_seed
 
 
 def tell(tuner, group, costs):
@@ -17,23 +17,23 @@ def tell(tuner, group, costs):
     return tuner.tell([spoiled(s, c / STEPS) for s, c in zip(segments, costs, strict=True)])
 
 
-def test_whole_episodes_are_spread_over_the_lanes():
+def test_whole_episodes_are_std_over_the_environments():
     proposals = EvolutionStrategy(problem(), population=7).ask()
-    assert [p.lane for p in proposals] == [0, 1, 2, 3, 4, 0, 1]
+    assert [p.env_index for p in proposals] == [0, 1, 2, 3, 4, 0, 1]
     assert all(p.horizon is None and p.seed is None for p in proposals)
 
 
 def test_the_cheapest_single_episode_is_recommended():
-    tuner, group = RandomSearch(problem()), lanes()
+    tuner, group = RandomSearch(problem()), num_envs()
     asked = group.rollout(tuner.ask())
     metrics = tuner.tell([spoiled(s, c) for s, c in zip(asked, (3, 2, 1, 4, 5), strict=True)])
-    assert np.array_equal(tuner.recommend(), asked[2].proposal.z)
+    assert np.array_equal(tuner.recommend(), asked[2].proposal.x)
     assert metrics["best_seen"] == pytest.approx(1 * STEPS)
     assert metrics["cost_mean"] == pytest.approx(3 * STEPS)
 
 
 def test_a_bad_episode_is_never_best():
-    tuner, group = RandomSearch(problem()), lanes()
+    tuner, group = RandomSearch(problem()), num_envs()
     metrics = tell(tuner, group, [np.nan, 5.0, 2.0, -np.inf, np.inf])
     assert metrics["cost_not_finite"] == 3
     assert metrics["best_seen"] == pytest.approx(2.0)
@@ -41,17 +41,17 @@ def test_a_bad_episode_is_never_best():
 
 
 def test_where_all_violate_the_least_violation_is_recommended():
-    tuner, group = RandomSearch(problem()), lanes()
+    tuner, group = RandomSearch(problem()), num_envs()
     segments = group.rollout(tuner.ask())
     tuner.tell([replace(s, violation=v) for s, v in zip(segments, (3, 2, 1, 4, 5), strict=True)])
-    assert np.array_equal(tuner.recommend(), segments[2].proposal.z)
+    assert np.array_equal(tuner.recommend(), segments[2].proposal.x)
 
 
 @pytest.mark.parametrize("standardise", [False, True])
 def test_costs_of_which_none_is_finite_move_nothing(standardise):
     tuner = EvolutionStrategy(problem(), population=5, standardise_costs=standardise)
     before = tuner.recommend()
-    assert tell(tuner, lanes(), [np.nan] * 5)["gradient_norm"] == 0.0
+    assert tell(tuner, num_envs(), [np.nan] * 5)["gradient_norm"] == 0.0
     assert np.array_equal(tuner.recommend(), before)
 
 
@@ -60,22 +60,22 @@ def reevaluated(seed=0):
     return RandomSearch(problem(seed, 500), recommendation="reevaluated", reevaluate_top=5)
 
 
-def test_reevaluation_spends_the_last_share_of_the_budget():
-    tuner, group = reevaluated(), lanes()
+def test_reevaluation_spends_the_last_fraction_of_the_budget():
+    tuner, group = reevaluated(), num_envs()
     drive(tuner, group, 450 * STEPS - 1)
     for round_ in range(10):
         proposals = tuner.ask()
         assert {p.seed for p in proposals} == {stream_seed(0, "reevaluation", round_)}
-        assert len({p.z.tobytes() for p in proposals}) == 5
+        assert len({p.x.tobytes() for p in proposals}) == 5
         metrics = tuner.tell(group.rollout(proposals))
     assert metrics["reevaluation_rounds"] == 10
 
 
 def test_the_baseline_is_evaluated_with_the_best_and_may_win():
     given = problem(0, 500, baseline=TARGET)
-    tuner, group = RandomSearch(given, recommendation="reevaluated", reevaluate_top=5), lanes()
+    tuner, group = RandomSearch(given, recommendation="reevaluated", reevaluate_top=5), num_envs()
     drive(tuner, group, 450 * STEPS)
-    assert any(np.array_equal(p.z, TARGET) for p in tuner.ask())
+    assert any(np.array_equal(p.x, TARGET) for p in tuner.ask())
     drive(tuner, group, 50 * STEPS)
     assert np.array_equal(tuner.recommend(), TARGET)
 
@@ -84,7 +84,7 @@ def test_the_baseline_is_evaluated_with_the_best_and_may_win():
 def test_a_batch_that_would_leave_no_round_of_reevaluation_is_not_begun(episodes):
     """A tenth of so small a budget is less than a batch of five episodes."""
     given = problem(0, episodes)
-    tuner, group = RandomSearch(given, recommendation="reevaluated", reevaluate_top=3), lanes()
+    tuner, group = RandomSearch(given, recommendation="reevaluated", reevaluate_top=3), num_envs()
     steps = 0
     while steps < given.budget:
         segments = group.rollout(tuner.ask())
@@ -95,7 +95,7 @@ def test_a_batch_that_would_leave_no_round_of_reevaluation_is_not_begun(episodes
 
 def test_reevaluation_reports_how_lucky_the_best_had_been():
     """Random points cost alike here, so that noise alone makes the best seem good."""
-    tuner, group = reevaluated(), lanes()
+    tuner, group = reevaluated(), num_envs()
     rng = np.random.default_rng(0)
     drive(tuner, group, 450 * STEPS, lambda i, s: spoiled(s, rng.normal() / STEPS))
     for _ in range(200):
@@ -106,15 +106,15 @@ def test_reevaluation_reports_how_lucky_the_best_had_been():
 
 
 def test_reevaluation_recommends_the_best_mean_of_the_held_out_episodes():
-    tuner, group = reevaluated(), lanes()
+    tuner, group = reevaluated(), num_envs()
     drive(tuner, group, 450 * STEPS)
-    points = [p.z for p in tuner.ask()]
+    points = [p.x for p in tuner.ask()]
     drive(tuner, group, 50 * STEPS)
     assert np.array_equal(tuner.recommend(), min(points, key=true_cost))
 
 
 def test_a_run_restored_during_reevaluation_goes_on_to_the_same_numbers():
-    tuner, group = reevaluated(), lanes()
+    tuner, group = reevaluated(), num_envs()
     drive(tuner, group, 460 * STEPS)
     twin = reevaluated()
     twin.restore(tuner.state())
@@ -145,21 +145,21 @@ def test_equal_costs_move_nothing():
     assert not es_gradient(noise, np.full(8, 3.0), 0.1, standardise=True).any()
 
 
-def test_the_search_distribution_has_the_spread_asked_for():
+def test_the_search_distribution_has_the_std_asked_for():
     tuner = EvolutionStrategy(problem(), population=4000, sigma=0.2, start="nominal")
-    points = np.stack([p.z for p in tuner.ask()])
+    points = np.stack([p.x for p in tuner.ask()])
     assert points.std() == pytest.approx(0.2, rel=0.03)
     assert points.mean() == pytest.approx(0.0, abs=0.01)
 
 
 def test_nominal_start_needs_nominal_parameters():
-    with pytest.raises(ConfigError, match="start: nominal needs a task with nominal parameters"):
-        EvolutionStrategy(problem(nominal=None), start="nominal")
+    with pytest.raises(ConfigError, match="start: baseline needs a task with baseline parameters"):
+        EvolutionStrategy(problem(start=None), start="nominal")
 
 
 def test_nominal_tuner_asks_nothing_and_recommends_the_nominal_parameters():
-    tuner = NominalTuner(problem(nominal=TARGET))
+    tuner = NominalTuner(problem(start=TARGET))
     assert tuner.ask() == []
     assert np.array_equal(tuner.recommend(), TARGET)
-    with pytest.raises(ConfigError, match="tuner=nominal needs a task with nominal parameters"):
-        NominalTuner(problem(nominal=None))
+    with pytest.raises(ConfigError, match="tuner=nominal needs a task with baseline parameters"):
+        NominalTuner(problem(start=None))

@@ -6,11 +6,11 @@ import nevergrad as ng
 import numpy as np
 import pytest
 
-from tests.baselines.support import STEPS, drive, lanes, problem
+from tests.baselines.support import STEPS, drive, num_envs, problem
 from zoac.baselines.cmaes import CmaEs
 from zoac.baselines.nevergrad import Nevergrad
-from zoac.errors import ConfigError
-from zoac.parameters import Parameter, ParameterSpace
+from zoac.core.errors import ConfigError
+from zoac.core.parameters import Parameter, ParameterSpace
 
 # Differential evolution, chained choices, a swarm, a thread of its own (Powell), one that draws
 # from numpy's global random state (DSproba), a one-shot design.
@@ -20,10 +20,10 @@ NAMES = ["TwoPointsDE", "NGO", "PSO", "Powell", "DSproba", "ScrHammersleySearch"
 @pytest.mark.parametrize("name", NAMES)
 def test_any_optimiser_restores_exactly(name):
     np.random.seed(3)  # noqa: NPY002
-    tuner, group = Nevergrad(problem(episodes=500), name=name), lanes()
+    tuner, group = Nevergrad(problem(episodes=500), name=name), num_envs()
     drive(tuner, group, 30 * STEPS)
     np.random.seed(4)  # noqa: NPY002
-    twin, twin_group = Nevergrad(problem(episodes=500), name=name), lanes()
+    twin, twin_group = Nevergrad(problem(episodes=500), name=name), num_envs()
     twin.restore(tuner.state())
     twin_group.restore(group.state())
     expected = drive(tuner, group, 30 * STEPS)
@@ -35,7 +35,7 @@ def test_any_optimiser_restores_exactly(name):
 def test_the_global_random_state_is_left_alone():
     np.random.seed(3)  # noqa: NPY002
     before = np.random.get_state()[1].copy()  # noqa: NPY002
-    drive(Nevergrad(problem(episodes=500), name="DSproba"), lanes(), 20 * STEPS)
+    drive(Nevergrad(problem(episodes=500), name="DSproba"), num_envs(), 20 * STEPS)
     assert np.array_equal(np.random.get_state()[1], before)  # noqa: NPY002
 
 
@@ -66,21 +66,21 @@ def test_an_optimiser_in_a_thread_lets_python_exit():
 
 def spread_of_first_generations(tuner, n=60):
     """Standard deviation of points drawn before anything is told."""
-    return np.concatenate([[p.z for p in tuner.ask()] for _ in range(n)]).std()
+    return np.concatenate([[p.x for p in tuner.ask()] for _ in range(n)]).std()
 
 
-def test_cma_starts_with_the_spread_that_it_describes():
-    tuner = CmaEs(problem(), start="middle", spread=0.2, population=20)
-    assert tuner.describe()["spread"] == pytest.approx(0.2)
+def test_cma_starts_with_the_std_that_it_describes():
+    tuner = CmaEs(problem(), start="middle", initial_sigma=0.2, population=20)
+    assert tuner.describe()["initial_sigma"] == pytest.approx(0.2)
     assert spread_of_first_generations(tuner) == pytest.approx(0.2, rel=0.05)
 
 
-def test_the_librarys_own_spread_is_described_as_it_is():
+def test_the_librarys_own_std_is_described_as_it_is():
     tuner = CmaEs(problem(), start="middle")
     described = tuner.describe()
     assert described["covariance"] == "diagonal"
     assert described["elitist"] is True
-    assert spread_of_first_generations(tuner) == pytest.approx(described["spread"], rel=0.05)
+    assert spread_of_first_generations(tuner) == pytest.approx(described["initial_sigma"], rel=0.05)
 
 
 def test_a_generation_is_the_population_asked_for():
@@ -97,17 +97,19 @@ def test_without_options_it_is_the_librarys_cma():
     tuner.ask()
     plain.ask()
     assert described["population"] == plain.optim.es.popsize
-    assert described["spread"] == pytest.approx(plain.optim.es.sigma0 / 3.0)
+    assert described["initial_sigma"] == pytest.approx(plain.optim.es.sigma0 / 3.0)
 
 
 def test_mean_recommends_the_mean_of_the_search_distribution():
-    tuner = CmaEs(problem(), population=400, spread=0.3, start="middle", recommendation="mean")
+    tuner = CmaEs(
+        problem(), population=400, initial_sigma=0.3, start="middle", recommendation="mean"
+    )
     assert np.allclose(tuner.recommend(), 0.0)
-    drive(tuner, lanes(), STEPS)
+    drive(tuner, num_envs(), STEPS)
     mean = tuner.recommend()
     assert 0.05 < np.linalg.norm(mean) < 0.9
-    own = CmaEs(problem(), population=400, spread=0.3, start="middle")
-    drive(own, lanes(), STEPS)
+    own = CmaEs(problem(), population=400, initial_sigma=0.3, start="middle")
+    drive(own, num_envs(), STEPS)
     assert not np.array_equal(own.recommend(), mean)
 
 
@@ -121,10 +123,10 @@ def test_a_single_parameter_is_no_problem_for_cma_es():
 def test_an_optimiser_that_ignores_its_initial_value_evaluates_nominal_parameters_first(name):
     """EDA learns from no point but its own."""
     start = np.full(5, 0.9)
-    tuner = Nevergrad(problem(nominal=start), name=name, start="nominal")
-    group = lanes()
+    tuner = Nevergrad(problem(start=start), name=name, start="nominal")
+    group = num_envs()
     first = group.rollout(tuner.ask())
-    assert np.allclose(first[0].proposal.z, start)
-    assert not any(np.allclose(s.proposal.z, start) for s in first[1:])
+    assert np.allclose(first[0].proposal.x, start)
+    assert not any(np.allclose(s.proposal.x, start) for s in first[1:])
     tuner.tell(first)
     assert tuner.ask()

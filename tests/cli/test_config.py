@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from hydra.errors import HydraException
 
-from zoac import build
-from zoac.config import compose_config, explain, resolved, variant_of, with_whole_steps
-from zoac.errors import ConfigError
+from zoac.config import factory
+from zoac.config.compose import compose_config, explain, resolved, variant_of, with_whole_steps
+from zoac.core.errors import ConfigError
 
 CONF = Path(__file__).parents[2] / "conf"
 
@@ -28,17 +28,17 @@ def test_every_choice_of_every_group_composes_and_builds(group, name):
     if (group, name) == ("executor", "ray"):
         pytest.importorskip("ray", reason="executor=ray needs zoac[ray]")
     config = resolved(compose_config([f"{group}={name}"]))
-    build.build_settings(config)
-    build.build_task(config)
-    build.build_executor(config)
+    factory.build_settings(config)
+    factory.build_task(config)
+    factory.build_executor(config)
 
 
 @pytest.mark.parametrize("tuner", names("tuner"))
 @pytest.mark.parametrize("task", names("task"))
 def test_every_tuner_is_built_for_every_task(tuner, task):
     config = resolved(compose_config([f"tuner={tuner}", f"task={task}"]))
-    settings = build.build_settings(config)
-    built = build.build_tuner(config["tuner"], build.build_task(config), settings)
+    settings = factory.build_settings(config)
+    built = factory.build_tuner(config["tuner"], factory.build_task(config), settings)
     assert all(isinstance(key, str) for key in built.describe())
 
 
@@ -81,7 +81,7 @@ def test_a_bad_override_gets_one_message_with_the_nearest_choice(override, messa
 @pytest.mark.parametrize(
     ("overrides", "meant"),
     [
-        (["tuner=zoac_plus", "tuner.race_shar=1"], "tuner.race_share"),
+        (["tuner=zoac_plus", "tuner.race_shar=1"], "tuner.halving_fraction"),
         (["tuner=cmaes", "tuner.spraed=1"], "tuner.spread"),
         (["method=bo", "tuner.kapa=3"], "tuner.kappa"),
         (["task=mpc_tracking", "task.mpc.horizn=3"], "task.mpc.horizon"),
@@ -116,7 +116,7 @@ def test_numbers_of_steps_may_be_written_with_an_exponent(given, read):
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("lanes=0", "lanes=0: input should be greater"),
+        ("num_envs=0", "num_envs=0: input should be greater"),
         ("budget=-1", "budget=-1"),
         ("seed=-1", "seed=-1"),
         ("evaluation.episodes=0", "evaluation.episodes=0"),
@@ -133,9 +133,9 @@ def test_numbers_of_steps_may_be_written_with_an_exponent(given, read):
 def test_a_bad_value_is_named(override, message):
     with pytest.raises(ConfigError, match=message):
         config = resolved(compose_config(sorted(override.split())))
-        settings = build.build_settings(config)
-        build.build_executor(config)
-        build.build_tuner(config["tuner"], build.build_task(config), settings)
+        settings = factory.build_settings(config)
+        factory.build_executor(config)
+        factory.build_tuner(config["tuner"], factory.build_task(config), settings)
 
 
 def test_a_variant_is_what_the_overrides_change_beyond_identity():
@@ -168,4 +168,4 @@ def test_an_experiment_sweeps_over_seeds(name):
 def test_a_method_is_a_task_and_a_tuner(name):
     choices = compose_config([f"method={name}"]).hydra.runtime.choices
     assert choices.task.startswith("mpc_tracking")
-    assert (choices.tuner in name) or (name.startswith("ours") and choices.tuner == "zoac")
+    assert (choices.tuner in name) or (name.startswith("zoac") and choices.tuner == "zoac")

@@ -9,13 +9,13 @@ import os
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from zoac import build
-from zoac.config import compose_config, resolved, variant_of
-from zoac.errors import ZoacError
-from zoac.session import run_folder
+from zoac.config import factory
+from zoac.config.compose import compose_config, resolved, variant_of
+from zoac.core.errors import ZoacError
+from zoac.training.lifecycle import run_folder
 
 KEYS = [
-    "seed", "budget", "lanes", "eval_every", "evaluation", "evaluation.episodes", "evaluation.seed",
+    "seed", "budget", "num_envs", "eval_every", "evaluation", "evaluation.episodes", "evaluation.seed",
     "checkpoint_seconds", "runs_dir", "variant", "resume", "task", "tuner", "executor",
     "mpc_solver", "fidelity", "logger", "method", "experiment", "tuner.sigma", "tuner.hidden",
     "tuner.recommend", "tuner.segments", "tuner.population", "tuner._target_", "task.jerk",
@@ -27,7 +27,7 @@ VALUES = [
     "", "null", "nan", "inf", "-inf", "-1", "0", "1", "1.5", "1e400", "9" * 40, "true", "x", "[]",
     "[1,x]", "[nan]", "{}", "{a:1}", "{_target_:os.getcwd}", "'", '"', "${seed}", "${nope}", "${",
     "${oc.env:NOPE}", "???", "1,2", "../x", "a/b", "pid_acc", "mpc_tracking", "zoac", "bo",
-    "cmaes", "es", "process", "riccati", "authors_code", "ours", "smoke", "\\", "a=b", "zoac.run",
+    "cmaes", "es", "process", "riccati", "authors_code", "zoac", "smoke", "\\", "a=b", "zoac.run",
     "zoac.tasks.pid_acc.PidAcc",
 ]  # fmt: skip
 OVERRIDES = st.lists(
@@ -50,10 +50,10 @@ def prepare(overrides):
     """All that happens before the first environment step."""
     config = resolved(compose_config(overrides))
     config["variant"] = variant_of(config, overrides)
-    run_settings = build.build_settings(config)
-    task = build.build_task(config)
-    build.build_tuner(config["tuner"], task, run_settings)
-    build.build_executor(config)
+    run_settings = factory.build_settings(config)
+    task = factory.build_task(config)
+    factory.build_tuner(config["tuner"], task, run_settings)
+    factory.build_executor(config)
     run_folder(config, "task", "tuner")
 
 

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from zoac.checks import locate
-from zoac.config import compose_config, own_conf
-from zoac.errors import ConfigError
-from zoac.usage import usage
+from zoac.cli.help import usage
+from zoac.config.compose import compose_config, own_conf
+from zoac.config.validate import locate
+from zoac.core.errors import ConfigError
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "own_task"
-SMALL = ["tuner=random", "lanes=2", "budget=200", "evaluation.episodes=1",
+SMALL = ["tuner=random", "num_envs=2", "budget=200", "evaluation.episodes=1",
          "evaluation.final_episodes=2", "variant=${hydra:runtime.choices.executor}"]  # fmt: skip
 
 
@@ -41,7 +41,7 @@ def test_it_is_tuned_from_its_folder_in_this_process_and_in_others(folder):
     assert done.returncode == 0, done.stderr
     one, two = (json.loads(p.read_text()) for p in folder.glob("runs/tank/**/result.json"))
     assert set(one["parameters"]) == {"kp", "ki"}
-    assert one["z"] == two["z"]
+    assert one["x"] == two["x"]
 
 
 def test_an_edit_of_their_code_makes_another_run_and_a_comment_does_not(folder):

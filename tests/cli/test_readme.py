@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from zoac import build
-from zoac.config import compose_config, resolved
+from zoac.config import factory
+from zoac.config.compose import compose_config, resolved
 from zoac.run import multirun_first
 
 ROOT = Path(__file__).parents[2]
@@ -40,9 +40,9 @@ def test_run_commands_compose_and_build(arguments):
         if not a.startswith("-")
     ]
     config = resolved(compose_config(first))
-    settings = build.build_settings(config)
-    build.build_tuner(config["tuner"], build.build_task(config), settings)
-    build.build_executor(config)
+    settings = factory.build_settings(config)
+    factory.build_tuner(config["tuner"], factory.build_task(config), settings)
+    factory.build_executor(config)
 
 
 def test_python_examples_run(monkeypatch, capsys):

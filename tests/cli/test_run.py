@@ -42,7 +42,7 @@ def test_a_sweep_writes_a_folder_per_seed_and_a_second_launch_does_nothing_again
     first = zoac(*command, cwd=tmp_path)
     assert first.returncode == 0, first.stderr
     one, two = result(tmp_path, seed=0), result(tmp_path, seed=1)
-    assert one["z"] != two["z"]
+    assert one["x"] != two["x"]
     assert (one["task"], one["tuner"], one["seed"], one["variant"]) == (
         "pid_acc",
         "zoac",
@@ -107,7 +107,7 @@ def test_a_signal_stops_cleanly_and_the_same_command_ends_on_the_same_bits(tmp_p
     assert process.returncode == 130
     assert "Traceback" not in errors
     assert zoac(*command, cwd=tmp_path / "b").returncode == 0
-    assert result(tmp_path / "a")["z"] == result(tmp_path / "b")["z"]
+    assert result(tmp_path / "a")["x"] == result(tmp_path / "b")["x"]
 
 
 def test_a_second_signal_stops_at_once(tmp_path):
@@ -163,7 +163,7 @@ def test_help_lists_every_choice_and_key(tmp_path):
     for group in ("task", "tuner", "executor", "mpc_solver", "fidelity", "logger", "experiment"):
         for path in (ROOT / "conf" / group).glob("*.yaml"):
             assert path.stem in done.stdout
-    for key in ("seed", "budget", "lanes", "eval_every", "runs_dir", "variant", "resume"):
+    for key in ("seed", "budget", "num_envs", "eval_every", "runs_dir", "variant", "resume"):
         assert f"\n{key}: " in done.stdout
 
 

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zoac import build
-from zoac.config import compose_config, resolved
-from zoac.records import read_metrics
-from zoac.session import Run, execute
+from zoac.config import factory
+from zoac.config.compose import compose_config, resolved
+from zoac.runs.schema import read_metrics
+from zoac.training.lifecycle import Run, execute
 
 CONF = Path(__file__).parents[2] / "conf"
-LANES, STEPS, BUDGET = 2, 12, 100
+NUM_ENVS, STEPS, BUDGET = 2, 12, 100
 
 
 def names(group):
@@ -22,12 +22,12 @@ def names(group):
 @pytest.mark.parametrize("task", names("task"))
 def test_a_small_run_keeps_its_budget_and_recommends_inside_the_box(tuner, task, tmp_path):
     config = resolved(compose_config([
-        f"task={task}", f"tuner={tuner}", f"budget={BUDGET}", f"lanes={LANES}", "eval_every=50",
+        f"task={task}", f"tuner={tuner}", f"budget={BUDGET}", f"num_envs={NUM_ENVS}", "eval_every=50",
         f"task.max_episode_steps={STEPS}", "evaluation.episodes=2", "evaluation.final_episodes=3",
         "mpc_solver=riccati", "checkpoint_seconds=0",
     ]))  # fmt: skip
-    settings, the_task = build.build_settings(config), build.build_task(config)
-    the_tuner = build.build_tuner(config["tuner"], the_task, settings)
+    settings, the_task = factory.build_settings(config), factory.build_task(config)
+    the_tuner = factory.build_tuner(config["tuner"], the_task, settings)
     batches = []
     ask = the_tuner.ask
 
@@ -38,14 +38,14 @@ def test_a_small_run_keeps_its_budget_and_recommends_inside_the_box(tuner, task,
 
     the_tuner.ask = counted
     run = Run({"task": task, "tuner": tuner, "seed": 0}, config, [], the_task, the_tuner,
-              build.build_executor(config), settings, [])  # fmt: skip
+              factory.build_executor(config), settings, [])  # fmt: skip
     result = execute(run, tmp_path)
     if tuner == "nominal":
         assert result["env_steps"] == 0
     else:
         assert BUDGET <= result["env_steps"] < BUDGET + max(batches)
     assert np.isfinite(result["cost_mean"])
-    assert np.abs(result["z"]).max() <= 1.0
+    assert np.abs(result["x"]).max() <= 1.0
     for p in the_task.space.parameters:
         value = result["parameters"][p.name]
         assert value in p.options if p.options else p.low <= value <= p.high

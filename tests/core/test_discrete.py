@@ -10,11 +10,11 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 import zoac
-from tests.core.test_adapters import Drift
-from zoac.adapters import parse_space
+from tests.envs.test_adapters import Drift
 from zoac.algorithm.gradient import zeroth_order_gradient
-from zoac.errors import ConfigError
-from zoac.parameters import Parameter, ParameterSpace, choice, integer
+from zoac.core.errors import ConfigError
+from zoac.core.parameters import Parameter, ParameterSpace, choice, integer
+from zoac.envs.user_task import parse_space
 
 SPACE = ParameterSpace(
     [Parameter("k", 0.0, 1.0), integer("n", 2, 5), choice("mode", ("a", "b", "c")),
@@ -32,12 +32,12 @@ def test_coordinates_are_one_a_number_and_one_an_option():
 @given(st.lists(st.floats(-1.5, 1.5), min_size=7, max_size=7))
 def test_values_come_back_through_the_point_that_stands_for_them(z):
     values = SPACE.values(np.array(z))
-    again = SPACE.values(SPACE.unit(SPACE.named(np.array(z))))
+    again = SPACE.values(SPACE.normalise(SPACE.named(np.array(z))))
     np.testing.assert_allclose(again, values, atol=1e-12)
 
 
 @given(st.lists(st.floats(-1.5, 1.5), min_size=7, max_size=7))
-def test_points_that_share_their_values_are_rounded_to_one(z):
+def test_points_that_fraction_their_values_are_rounded_to_one(z):
     z = np.array(z)
     rounded = SPACE.rounded(z)
     assert np.array_equal(SPACE.values(rounded), SPACE.values(z))
@@ -49,7 +49,7 @@ def test_points_that_share_their_values_are_rounded_to_one(z):
     assert np.array_equal(SPACE.rounded(other)[same], np.tile(rounded, (same.sum(), 1)))
 
 
-def test_every_whole_number_has_an_equal_share_of_the_box():
+def test_every_whole_number_has_an_equal_fraction_of_the_box():
     z = np.zeros((4000, 7))
     z[:, 1] = np.linspace(-1, 1, 4000)
     assert np.unique(SPACE.values(z)[:, 1], return_counts=True)[1].tolist() == [1000] * 4
@@ -60,7 +60,7 @@ def test_plain_values_have_their_own_types():
     named = SPACE.named(np.array([0.0, 0.0, -0.2, 0.3, 0.1, -1.0, 1.0]))
     assert named == {"k": 0.5, "n": 4, "mode": "b", "f": 50}
     assert [type(v) for v in named.values()] == [float, int, str, int]
-    assert SPACE.physical(np.zeros((2, 7)))["mode"].tolist() == ["a", "a"]
+    assert SPACE.denormalise(np.zeros((2, 7)))["mode"].tolist() == ["a", "a"]
 
 
 @pytest.mark.parametrize(
@@ -75,10 +75,16 @@ def test_plain_values_have_their_own_types():
         (lambda: choice("m", ["a", None]), "the option None is neither text nor a finite number"),
         (lambda: choice("m", [(1, 2), (3, 4)]), r"the option \(1, 2\) is neither"),
         (lambda: choice("m", [1.0, np.nan]), "the option nan is neither"),
-        (lambda: SPACE.unit({"k": 0.5, "n": 3.7, "mode": "a", "f": 10}), "'n': 3.7 is not a whole"),
-        (lambda: SPACE.unit({"k": "a", "n": 3, "mode": "a", "f": 10}), "number from 0.0 to 1.0"),
-        (lambda: SPACE.unit({"k": 0.5, "n": 3, "mode": "d", "f": 10}), "unknown option 'd'"),
-        (lambda: SPACE.unit({"k": 0.5, "n": 9, "mode": "a", "f": 10}), "9 lies outside"),
+        (
+            lambda: SPACE.normalise({"k": 0.5, "n": 3.7, "mode": "a", "f": 10}),
+            "'n': 3.7 is not a whole",
+        ),
+        (
+            lambda: SPACE.normalise({"k": "a", "n": 3, "mode": "a", "f": 10}),
+            "number from 0.0 to 1.0",
+        ),
+        (lambda: SPACE.normalise({"k": 0.5, "n": 3, "mode": "d", "f": 10}), "unknown option 'd'"),
+        (lambda: SPACE.normalise({"k": 0.5, "n": 9, "mode": "a", "f": 10}), "9 lies outside"),
     ],
 )
 def test_what_makes_no_sense_is_refused(make, message):
@@ -161,7 +167,7 @@ def test_tuners_find_the_best_option_and_number(tuner):
         {"hidden": [16], "segment_length": 5, "segments": 4, "epochs": 1} if tuner == "zoac" else {}
     )
     result = zoac.tune(
-        env=Drift, controller=act, tuner=tuner, budget=4000, lanes=8, max_episode_steps=20,
+        env=Drift, controller=act, tuner=tuner, budget=4000, num_envs=8, max_episode_steps=20,
         space={"n": (1, 5, "integer"), "law": {"choices": ["weak", "right", "wrong"]}},
         tuner_options=options, eval_every=4000, episodes=1, final_episodes=2, quiet=True, seed=0,
     )  # fmt: skip

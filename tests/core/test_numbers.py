@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from zoac.numbers import is_number
+from zoac.core.types import is_number
 
 
 @pytest.mark.parametrize("value", [1, 1.5, float("nan"), np.float32(1), np.int64(3)])

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support import CountingTask, lane_group, proposal
-from zoac.outcomes import LARGEST, CostRange, Outcomes, ranking, step_costs
+from tests.support import CountingTask, engine, proposal
+from zoac.core.outcomes import LARGEST, CostRange, Outcomes, ranking, step_costs
 
 EPISODES = st.lists(
     st.tuples(
@@ -19,7 +19,7 @@ EPISODES = st.lists(
 
 def segments(episodes):
     """Return segments with these violations and total costs."""
-    (one,) = lane_group(CountingTask(1), [0]).rollout([proposal(0)])
+    (one,) = engine(CountingTask(1), [0]).rollout([proposal(0)])
     made = [one.with_costs(np.array([cost])) for _, cost in episodes]
     for segment, (violation, _) in zip(made, episodes, strict=True):
         object.__setattr__(segment, "violation", violation)

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zoac.errors import ConfigError
-from zoac.parameters import Parameter, ParameterSpace, choice, integer
+from zoac.core.errors import ConfigError
+from zoac.core.parameters import Parameter, ParameterSpace, choice, integer
 
 SPACE = ParameterSpace(
     [
@@ -16,8 +16,8 @@ SPACE = ParameterSpace(
 
 
 @given(st.lists(st.floats(-1, 1), min_size=3, max_size=3))
-def test_unit_inverts_physical(z):
-    np.testing.assert_allclose(SPACE.unit(SPACE.physical(np.array(z))), z, atol=1e-12)
+def test_normalise_inverts_denormalise(x):
+    np.testing.assert_allclose(SPACE.normalise(SPACE.denormalise(np.array(x))), x, atol=1e-12)
 
 
 def test_ends_of_the_box_are_the_bounds_exactly():
@@ -26,7 +26,7 @@ def test_ends_of_the_box_are_the_bounds_exactly():
 
 
 def test_middle_is_arithmetic_or_geometric_mean():
-    middle = SPACE.physical(np.zeros(3))
+    middle = SPACE.denormalise(np.zeros(3))
     assert middle["gain"] == pytest.approx(5.0)
     assert middle["stiffness"] == pytest.approx(-12e4)
     assert middle["weight"] == pytest.approx(1e-2)
@@ -36,14 +36,14 @@ def test_values_outside_the_box_are_clipped():
     assert np.array_equal(SPACE.values(np.full(3, 7.0)), SPACE.values(np.ones(3)))
 
 
-def test_physical_keeps_leading_shape():
-    assert SPACE.physical(np.zeros((4, 2, 3)))["weight"].shape == (4, 2)
+def test_denormalise_keeps_leading_shape():
+    assert SPACE.denormalise(np.zeros((4, 2, 3)))["weight"].shape == (4, 2)
 
 
 def test_mapping_leaves_its_argument_alone():
-    z = np.array([2.0, 0.5, 0.5])
-    SPACE.values(z)
-    assert z.tolist() == [2.0, 0.5, 0.5]
+    x = np.array([2.0, 0.5, 0.5])
+    SPACE.values(x)
+    assert x.tolist() == [2.0, 0.5, 0.5]
 
 
 @pytest.mark.parametrize(
@@ -63,13 +63,13 @@ def test_impossible_bounds_are_refused(arguments, message):
 
 def test_unknown_name_gets_the_nearest():
     with pytest.raises(ConfigError, match="did you mean 'gain'"):
-        SPACE.unit({"gian": 1.0})
+        SPACE.normalise({"gian": 1.0})
 
 
 def test_value_outside_its_bounds_is_named_with_unit():
     values = {"gain": 1.0, "stiffness": 0.0, "weight": 1.0}
     with pytest.raises(ConfigError, match=r"'stiffness': 0.0 lies outside .* N/rad"):
-        SPACE.unit(values)
+        SPACE.normalise(values)
 
 
 def test_names_must_differ():
@@ -81,7 +81,7 @@ def test_names_must_differ():
 def test_what_is_no_number_is_refused_by_name(method):
     space = ParameterSpace([Parameter("kp", 0, 1), choice("mode", ["a", "b"]), integer("n", 1, 3)])
     for place, name in enumerate(("kp", "mode=a", "mode=b", "n")):
-        z = np.zeros(4)
-        z[place] = np.nan
+        x = np.zeros(4)
+        x[place] = np.nan
         with pytest.raises(ConfigError, match=f"got NaN for {name}$"):
-            getattr(space, method)(z)
+            getattr(space, method)(x)

@@ -78,7 +78,7 @@ def test_tuning_changes_nothing_whoever_tunes():
         zoac.tune(task="lqr", tuner=tuner, budget=3000, num_envs=5, quiet=True, episodes=1,
                   final_episodes=1)
     """
-    code = code.replace("num_envs", "lanes")
+    code = code.replace("num_envs", "num_envs")
     assert run(code + CHANGED) == []
 
 

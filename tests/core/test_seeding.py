@@ -1,4 +1,4 @@
-from zoac.seeding import stream, stream_seed
+from zoac.core.seeding import stream, stream_seed
 
 
 def test_a_stream_is_the_same_every_time():

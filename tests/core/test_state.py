@@ -8,8 +8,8 @@ import cloudpickle
 import numpy as np
 import pytest
 
-from zoac.errors import UnsavableError
-from zoac.state import OwnObject, decode, encode
+from zoac.core.errors import UnsavableError
+from zoac.core.state import OwnObject, decode, encode
 
 NUMBERS = [
     0, -1, 2**200, True, 0.1, -0.0, 5e-324, float("inf"), float("nan"), "", "é\ud800", None,
@@ -68,7 +68,9 @@ class Own:
 )
 def test_anything_else_is_refused_by_its_place_and_nothing_is_pickled(thing, monkeypatch):
     monkeypatch.setattr(cloudpickle, "dumps", None)
-    with pytest.raises(UnsavableError, match=r"the state\['a'\]\[1\] is a .*zoac.state.OwnObject"):
+    with pytest.raises(
+        UnsavableError, match=r"the state\['a'\]\[1\] is a .*zoac.core.state.OwnObject"
+    ):
         encode({"a": [0, thing]})
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support import CountingTask, lane_group
-from zoac.tuner import Problem
+from tests.support import CountingTask, engine
+from zoac.core.tuner import Problem
 
 PAGE = Path(__file__).parents[2] / "docs" / "add_a_tuner.md"
 
@@ -19,10 +19,10 @@ def test_a_batch_of_bad_costs_alone_is_no_error_and_never_the_best(bad):
     exec(block[1], names)
     task = CountingTask()
     problem = Problem(
-        task.space, observation_size=3, lanes=2, budget=0, max_episode_steps=7, seed=0
+        task.space, observation_size=3, num_envs=2, budget=0, max_episode_steps=7, seed=0
     )
     tuner = names["HillClimber"](problem)
-    group = lane_group(task, [0, 1])
+    group = engine(task, [0, 1])
     for _ in range(2):
         segments = group.rollout(tuner.ask())
         tuner.tell([s.with_costs(np.full(s.length, bad)) for s in segments])

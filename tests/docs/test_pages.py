@@ -18,7 +18,7 @@ BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 PAGES = {
     path.name: BLOCK.findall(path.read_text()) for path in sorted((ROOT / "docs").glob("*.md"))
 }
-QUICK = {"budget": 200, "lanes": 2, "episodes": 1, "final_episodes": 1, "eval_every": 200,
+QUICK = {"budget": 200, "num_envs": 2, "episodes": 1, "final_episodes": 1, "eval_every": 200,
          "quiet": True}  # fmt: skip
 
 

@@ -16,7 +16,7 @@ MORE = {"pendulum_pd": ["--episodes", "2"], "memory_controller": ["--out", "gain
 def test_it_runs_and_prints_what_it_found(path, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [path.name, "--budget", "500", *MORE.get(path.stem, [])])
-    quick = {"episodes": 1, "final_episodes": 2, "eval_every": 500, "lanes": 2}
+    quick = {"episodes": 1, "final_episodes": 2, "eval_every": 500, "num_envs": 2}
     tune = zoac.tune
     monkeypatch.setattr(zoac, "tune", lambda **options: tune(**{**quick, **options}))
     runpy.run_path(str(path), run_name="__main__")

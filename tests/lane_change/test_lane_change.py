@@ -5,12 +5,12 @@ import pytest
 
 import zoac
 from zoac.analysis import landscape, report
-from zoac.tasks.lane_change import LaneChange, RoadLanes, RuleBasedDriver
+from zoac.tasks.lane_change import LaneChange, LaneChangeVecEnv, RuleBasedDriver
 from zoac.tasks.lane_change.plant import CAR, COLLISION_COST, RING
 
 NOMINAL = {
     name: np.array([float(value) if name != "better" else 0.0])
-    for name, value in LaneChange.nominal.items()
+    for name, value in LaneChange.baseline.items()
 }
 # v, gap, away, next gap, next away, behind, receding, waited
 GOOD = np.array([[20.0, 25.0, -1.0, 50.0, 5.0, 50.0, 0.0, 9.0]])
@@ -37,7 +37,7 @@ def test_the_choice_decides_what_is_compared():
 
 
 def test_a_collision_ends_the_episode_and_costs():
-    env = RoadLanes(1)
+    env = LaneChangeVecEnv(1)
     env.reset(seed=[0])
     env.arrays["ahead"][0, env.arrays["road"][0], 0] = CAR + 0.1
     env.arrays["v"][0] = 30.0
@@ -46,8 +46,8 @@ def test_a_collision_ends_the_episode_and_costs():
     assert infos["cost"][0] > COLLISION_COST
 
 
-def test_changing_lanes_brings_the_other_lanes_cars_ahead():
-    env = RoadLanes(1)
+def test_changing_environments_brings_the_other_environments_cars_ahead():
+    env = LaneChangeVecEnv(1)
     obs, _ = env.reset(seed=[3])
     env.arrays["v"][0] = env.arrays["now"][0].mean()
     obs = env._observe()

@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from zoac.records import CLOCKS
+from zoac.runs.schema import CLOCKS
 
 ROOT = Path(__file__).parents[2]
 SMALL = [

@@ -18,7 +18,7 @@ from tests.launchers.support import (
     sweep,
 )  # fmt: skip
 from tests.support import end_within
-from zoac.config import compose_config
+from zoac.config.compose import compose_config
 
 PLUGINS = {
     "joblib": "hydra_plugins.hydra_joblib_launcher",

@@ -6,22 +6,22 @@ import sys
 
 import pytest
 
-from zoac.config import compose_config, explain, variant_of
-from zoac.errors import ConfigError
-from zoac.sweep import noted, report
+from zoac.cli.sweep_report import noted, report
+from zoac.config.compose import compose_config, explain, variant_of
+from zoac.core.errors import ConfigError
 
 
 def test_a_failure_is_noted_and_goes_no_further(tmp_path, capsys):
     with noted(tmp_path, 0, ["seed=0"]):
         pass
     with noted(tmp_path, 1, ["seed=1"]):
-        raise ConfigError("lanes=0: no lanes")
+        raise ConfigError("num_envs=0: no environments")
     with noted(tmp_path, 2, ["seed=2"]):
         raise ZeroDivisionError("somewhere")
     told, all_done = report(tmp_path)
     assert told == (
         "1 job(s) of the sweep done\n2 job(s) of the sweep failed:\n"
-        "  seed=1: lanes=0: no lanes\n  seed=2: ZeroDivisionError: somewhere"
+        "  seed=1: num_envs=0: no environments\n  seed=2: ZeroDivisionError: somewhere"
     )
     assert not all_done
     # Somebody's bug: the place of it is worth having, where the job ran and later.

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 import zoac
-from zoac.analysis.replay import costs
+from zoac.analysis.data.replay import costs
 from zoac.tasks.lqr import Lqr, optimal_gain
 from zoac.tasks.lqr.plant import A, B, Q, R
 
@@ -38,7 +38,7 @@ def test_the_true_weights_give_the_optimal_gains():
     obs = np.array([[1.0, -0.5], [0.2, 3.0]])
     actions = [
         t.make_controller().act(
-            {name: np.full(2, value) for name, value in t.nominal.items()}, obs, {}
+            {name: np.full(2, value) for name, value in t.baseline.items()}, obs, {}
         )[0]
         for t in (weights, gains)
     ]
@@ -52,14 +52,16 @@ def test_tuning_reaches_the_known_optimum():
         task=task, tuner="zoac_plus", budget=60_000, quiet=True, seed=0, episodes=1,
         eval_every=60_000, final_episodes=1,
     )  # fmt: skip
-    points = np.stack([task.space.unit(result.parameters), task.space.unit(task.nominal)])
+    points = np.stack(
+        [task.space.normalise(result.parameters), task.space.normalise(task.baseline)]
+    )
     tuned, best = costs(task, points, 50, 0).mean(axis=1)
     assert tuned < 1.03 * best
 
 
 def test_other_gains_cost_more():
     task = Lqr()
-    best = task.space.unit(task.nominal)
+    best = task.space.normalise(task.baseline)
     others = best + 0.1 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
     mean = costs(task, np.concatenate([best[None], others]), 20, 0).mean(axis=1)
     assert mean.argmin() == 0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from zoac.mpc.solvers.base import LinearisedProblem
-from zoac.tasks.mpc_tracking import MpcTrackingLanes
+from zoac.mpc.problem import LinearisedProblem
+from zoac.tasks.mpc_tracking import MpcTrackingVecEnv
 from zoac.tasks.mpc_tracking.controller import SPACE
 from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH, INPUT_LOW, BicycleModel
 
@@ -22,7 +22,7 @@ def tracking_problems(z: np.ndarray, seed: int) -> LinearisedProblem:
     """Return the vehicle's problem for each row of `z`, about the rollout of random inputs."""
     rng = np.random.default_rng(seed)
     n, values = len(z), SPACE.values(z)
-    observations, _ = MpcTrackingLanes(n).reset(seed=seed)
+    observations, _ = MpcTrackingVecEnv(n).reset(seed=seed)
     observations[:, 1:6] += rng.uniform(-1.0, 1.0, (n, 5)) * (1.0, 0.3, 2.0, 1.0, 0.3)
     inputs = 0.3 * rng.uniform(INPUT_LOW, INPUT_HIGH, (n, 25, 2))
     states, a, b = BicycleModel().linearise(values[:, :6].copy(), observations[:, :6], inputs)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from zoac.errors import ConfigError
-from zoac.mpc.policy import MOST_LINEARISATIONS, MpcOptions, Objective, Plan, SequentialQp
-from zoac.mpc.solvers.base import LinearisedProblem, Solution, Sparsity, Status
+from zoac.core.errors import ConfigError
+from zoac.mpc.problem import LinearisedProblem, Solution, Sparsity, Status
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.riccati import Riccati
+from zoac.mpc.sqp import MAX_LINEARISATIONS, MpcOptions, Objective, Plan, SequentialQp
 
 HORIZON = 3
 
@@ -40,9 +40,9 @@ class Pendulum:
 
 
 class Scripted:
-    """Answers the plan (lane's mark + call number / 10) with a status that a function gives.
+    """Answers the plan (environment's mark + call number / 10) with a status that a function gives.
 
-    A lane's mark is its start angle, so that lanes are told apart in any batch.
+    An environment's mark is its start angle, so that environments are told apart in any batch.
     """
 
     screens = False
@@ -51,12 +51,12 @@ class Scripted:
         self._status = status
         self.calls: list[tuple[LinearisedProblem, bool]] = []
 
-    def solve(self, problem: LinearisedProblem, careful: bool = False) -> Solution:
-        self.calls.append((problem, careful))
+    def solve(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
+        self.calls.append((problem, robust))
         number = sum(not c for _, c in self.calls)
         marks = problem.states[:, 0, 0]
         plans = np.zeros_like(problem.inputs) + (marks + number / 10)[:, None, None]
-        status = [self._status(number, mark, careful) for mark in marks]
+        status = [self._status(number, mark, robust) for mark in marks]
         return Solution(plans, np.array(status, np.int8), np.ones(len(marks), np.int64))
 
 
@@ -75,7 +75,7 @@ def search(solver, linearisations=3, start=(0.3, -0.2, 0.5), gravity=0.4) -> Pla
 
 
 def always(status: Status) -> Callable[[int, float, bool], Status]:
-    return lambda number, mark, careful: status
+    return lambda number, mark, robust: status
 
 
 def test_the_last_solution_is_the_plan() -> None:
@@ -99,30 +99,30 @@ def test_a_linear_model_needs_one_programme() -> None:
     np.testing.assert_array_equal(plan.linearisations, 2)
 
 
-def test_until_converged_each_lane_stops_by_itself() -> None:
+def test_until_converged_each_environment_stops_by_itself() -> None:
     together = search(ClarabelSolver(), "converged", start=(0.0, 0.3, 2.5))
     assert len(set(together.linearisations)) > 1
-    for lane, angle in enumerate((0.0, 0.3, 2.5)):
+    for env_index, angle in enumerate((0.0, 0.3, 2.5)):
         alone = search(ClarabelSolver(), "converged", start=(angle,))
-        np.testing.assert_array_equal(alone.inputs[0], together.inputs[lane])
-        assert alone.linearisations[0] == together.linearisations[lane]
+        np.testing.assert_array_equal(alone.inputs[0], together.inputs[env_index])
+        assert alone.linearisations[0] == together.linearisations[env_index]
 
 
 def test_a_plan_that_never_stands_still_is_cut() -> None:
     plan = search(Scripted(always(Status.SOLVED)), "converged")
-    np.testing.assert_array_equal(plan.linearisations, MOST_LINEARISATIONS)
+    np.testing.assert_array_equal(plan.linearisations, MAX_LINEARISATIONS)
 
 
 def test_what_failed_is_solved_once_more_carefully() -> None:
     fails_once = Scripted(
-        lambda number, mark, careful: (
-            Status.INACCURATE if mark < 0 and number == 2 and not careful else Status.SOLVED
+        lambda number, mark, robust: (
+            Status.INACCURATE if mark < 0 and number == 2 and not robust else Status.SOLVED
         )
     )
     plan = search(fails_once)
-    careful = [problem for problem, careful in fails_once.calls if careful]
-    assert len(careful) == 1
-    np.testing.assert_array_equal(careful[0].states[:, 0, 0], [-0.2])
+    robust = [problem for problem, robust in fails_once.calls if robust]
+    assert len(robust) == 1
+    np.testing.assert_array_equal(robust[0].states[:, 0, 0], [-0.2])
     np.testing.assert_array_equal(plan.retried, [False, True, False])
     np.testing.assert_array_equal(plan.status, Status.SOLVED)
     np.testing.assert_array_equal(plan.linearisations, 3)
@@ -130,7 +130,7 @@ def test_what_failed_is_solved_once_more_carefully() -> None:
 
 def test_after_two_failures_the_last_plan_that_solved_is_kept() -> None:
     solver = Scripted(
-        lambda number, mark, careful: (
+        lambda number, mark, robust: (
             Status.NUMERICAL_FAILURE if mark < 0 and number == 2 else Status.SOLVED
         )
     )
@@ -151,13 +151,13 @@ def test_problems_that_are_not_finite_never_reach_the_solver() -> None:
     solver = Scripted(always(Status.SOLVED))
     plan = search(solver, start=(0.3, np.nan, 0.5))
     assert all(np.isfinite(problem.states).all() for problem, _ in solver.calls)
-    assert not any(careful for _, careful in solver.calls)
+    assert not any(robust for _, robust in solver.calls)
     np.testing.assert_array_equal(plan.inputs[1], 0.0)
     np.testing.assert_array_equal(plan.status, [0, Status.NOT_FINITE, 0])
     np.testing.assert_allclose(plan.inputs[[0, 2], 0, 0], [0.6, 0.8])
 
 
-def test_with_no_finite_lane_the_solver_is_not_called() -> None:
+def test_with_no_finite_environment_the_solver_is_not_called() -> None:
     solver = Scripted(always(Status.SOLVED))
     plan = search(solver, start=(np.nan,))
     assert solver.calls == []
@@ -177,9 +177,8 @@ def test_with_no_finite_lane_the_solver_is_not_called() -> None:
             "mpc.linearisations: expected a number from 1 or 'converged', got 'all'",
         ),
         (
-            {"linearise_about": "zero"},
-            "mpc.linearise_about: unknown 'zero'; did you mean 'zero_input'? "
-            "known: shifted_plan, zero_input",
+            {"initial_guess": "zero"},
+            "mpc.initial_guess: unknown 'zero'; did you mean 'zero'? known: shifted, zero",
         ),
     ],
 )
@@ -243,7 +242,7 @@ def test_until_converged_is_the_nonlinear_optimum_whatever_the_bounds(
     guess = np.tile(np.clip(0.0, model.input_low, model.input_high), (1, horizon, 1))
     plan = SequentialQp(model, solver(), "converged").plan(theta, start, objective, guess)
     assert plan.status == [Status.SOLVED]
-    assert plan.linearisations < MOST_LINEARISATIONS
+    assert plan.linearisations < MAX_LINEARISATIONS
 
     def residuals(inputs):
         inputs = inputs.reshape(1, horizon, 2) * unit

@@ -9,14 +9,14 @@ import pytest
 
 from tests.mpc.problems import box_points, dense_problems, objective, tracking_problems
 from tests.riccati.problems import cart_poles, quadrotors
-from zoac.mpc.policy import _Attempt
+from zoac.mpc.problem import LinearisedProblem, Status
 from zoac.mpc.solvers import clarabel_qp
-from zoac.mpc.solvers.base import LinearisedProblem, Status
 from zoac.mpc.solvers.certificate import is_optimal
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.cvxpy_qp import CvxpySolver
 from zoac.mpc.solvers.riccati import Riccati
 from zoac.mpc.solvers.scaling import units
+from zoac.mpc.sqp import _Attempt
 
 SOLVERS = [ClarabelSolver, CvxpySolver, Riccati]
 
@@ -141,7 +141,7 @@ def test_a_plan_without_proof_is_not_said_to_be_solved(solver) -> None:
     assert (answer.status == Status.INACCURATE).any()
 
 
-def test_a_bad_fast_solve_leads_to_a_careful_one(monkeypatch) -> None:
+def test_a_bad_fast_solve_leads_to_a_robust_one(monkeypatch) -> None:
     """Without units the fast way ends three quarters of the input's range off, and says solved."""
     problem = double_integrator(1e8)
     plain = double_integrator(1.0)

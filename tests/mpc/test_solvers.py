@@ -15,12 +15,12 @@ from tests.mpc.problems import (
     objective,
     tracking_problems,
 )
-from zoac.mpc.policy import _take
-from zoac.mpc.solvers.base import Solver, Status
+from zoac.mpc.formulation import Layout, build_problem
+from zoac.mpc.problem import Solver, Status
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.cvxpy_qp import CvxpySolver
 from zoac.mpc.solvers.riccati import Riccati
-from zoac.mpc.solvers.statement import Layout, state_problem
+from zoac.mpc.sqp import _take
 from zoac.tasks.mpc_tracking.controller import NOMINAL, SPACE
 
 SOLVERS = [ClarabelSolver, CvxpySolver]
@@ -36,14 +36,14 @@ def cvxpy() -> CvxpySolver:
     return CvxpySolver()
 
 
-def rows(problem, *lanes: int):
-    mask = np.isin(np.arange(len(problem.a)), lanes)
+def rows(problem, *num_envs: int):
+    mask = np.isin(np.arange(len(problem.a)), num_envs)
     return _take(problem, mask)
 
 
-def test_the_statement_is_dpp() -> None:
+def test_the_formulation_is_dpp() -> None:
     layout = Layout.of(tracking_problems(box_points(1, 0), 0))
-    assert state_problem(layout).problem.is_dcp(dpp=True)
+    assert build_problem(layout).problem.is_dcp(dpp=True)
 
 
 def test_both_paths_reach_the_same_optimal_value(clarabel, cvxpy) -> None:
@@ -57,9 +57,9 @@ def test_both_paths_reach_the_same_optimal_value(clarabel, cvxpy) -> None:
 
 
 @pytest.mark.parametrize("careful", [False, True])
-def test_plans_satisfy_the_optimality_conditions(clarabel, careful: bool) -> None:
+def test_plans_satisfy_the_optimality_conditions(clarabel, robust: bool) -> None:
     problem = tracking_problems(box_points(200, 2), 2)
-    plans = clarabel.solve(problem, careful).inputs
+    plans = clarabel.solve(problem, robust).inputs
     relative = duality_gap(problem, plans) / objective(problem, plans)
     assert np.median(relative) < 1e-8
     assert relative.max() < 1e-5
@@ -124,7 +124,7 @@ def test_a_rollout_that_costs_nothing_is_already_the_plan(solver) -> None:
 
 
 def test_clarabel_needs_few_iterations_near_a_good_controller(clarabel) -> None:
-    z = np.repeat(SPACE.unit(NOMINAL)[None], 30, axis=0)
+    z = np.repeat(SPACE.normalise(NOMINAL)[None], 30, axis=0)
     assert clarabel.solve(tracking_problems(z, 0)).iterations.mean() < 4
 
 
@@ -154,12 +154,12 @@ def test_nothing_leaks_from_one_problem_into_the_next(solver) -> None:
     used = solver()
     first = used.solve(problem)
     order = np.random.default_rng(0).permutation(count)
-    for lane in order:
-        again = used.solve(rows(problem, lane))
-        fresh = solver().solve(rows(problem, lane)) if lane < 3 else again
+    for env_index in order:
+        again = used.solve(rows(problem, env_index))
+        fresh = solver().solve(rows(problem, env_index)) if env_index < 3 else again
         for answer in (again, fresh):
-            np.testing.assert_array_equal(answer.inputs[0], first.inputs[lane])
-            assert answer.iterations[0] == first.iterations[lane]
+            np.testing.assert_array_equal(answer.inputs[0], first.inputs[env_index])
+            assert answer.iterations[0] == first.iterations[env_index]
 
 
 def test_a_failed_solve_leaks_nothing() -> None:
@@ -171,12 +171,12 @@ def test_a_failed_solve_leaks_nothing() -> None:
     np.testing.assert_array_equal(solver.solve(problem).inputs, before.inputs)
 
 
-def test_careful_solves_leave_the_fast_ones_alone() -> None:
+def test_robust_solves_leave_the_fast_ones_alone() -> None:
     problem = tracking_problems(box_points(6, 8), 8)
     solver = ClarabelSolver()
     before = solver.solve(problem).inputs
-    careful = solver.solve(problem, careful=True).inputs
-    assert not np.array_equal(careful, before)
+    robust = solver.solve(problem, robust=True).inputs
+    assert not np.array_equal(robust, before)
     np.testing.assert_array_equal(solver.solve(problem).inputs, before)
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tests.mpc_tracking.oracle import NonlinearMpc
-from zoac.errors import ControllerError
-from zoac.mpc.policy import MpcOptions
-from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
+from zoac.core.errors import ControllerError
+from zoac.mpc.problem import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
-from zoac.tasks.mpc_tracking import MpcTrackingLanes, TrackingMpc
+from zoac.mpc.sqp import MpcOptions
+from zoac.tasks.mpc_tracking import MpcTrackingVecEnv, TrackingMpc
 from zoac.tasks.mpc_tracking.controller import NOMINAL, SPACE
 from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH, INPUT_LOW
 
@@ -23,7 +23,7 @@ class Recorder:
 
     screens = False
 
-    def solve(self, problem: LinearisedProblem, careful: bool = False) -> Solution:
+    def solve(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
         names = ("a", "b", "states", "reference", "state_weights", "input_weights")
         self.problem = {name: getattr(problem, name).copy() for name in names}
         n = len(problem.inputs)
@@ -32,7 +32,7 @@ class Recorder:
 
 @pytest.fixture(scope="module")
 def observations() -> np.ndarray:
-    return MpcTrackingLanes(N).reset(seed=5)[0]
+    return MpcTrackingVecEnv(N).reset(seed=5)[0]
 
 
 def nominal(n: int = N) -> dict[str, np.ndarray]:
@@ -58,7 +58,7 @@ def ipopt() -> NonlinearMpc:
 
 
 def test_nominal_inputs_are_those_of_the_nonlinear_programme(ipopt) -> None:
-    starts = MpcTrackingLanes(200).reset(seed=6)[0]
+    starts = MpcTrackingVecEnv(200).reset(seed=6)[0]
     values = np.array(list(NOMINAL.values()))
     reference = np.array([ipopt.plan(values, row)[0] for row in starts])
     actions, _, _ = controller().act(nominal(200), starts, {})
@@ -73,7 +73,7 @@ def test_over_the_box_more_linearisations_come_nearer(observations, ipopt) -> No
     distance = [
         np.median(
             off(
-                controller(linearisations=k).act(SPACE.physical(z), observations, {})[0][known],
+                controller(linearisations=k).act(SPACE.denormalise(z), observations, {})[0][known],
                 reference,
             )
         )
@@ -90,13 +90,13 @@ def test_exactly_the_live_parameters_change_the_programme(observations, weights,
     recorder = Recorder()
     mpc = TrackingMpc(recorder, MpcOptions(linearisations=1), weights)
     z = 0.5 * boxed()
-    mpc.act(SPACE.physical(z), observations, {})
+    mpc.act(SPACE.denormalise(z), observations, {})
     before = recorder.problem
     unchanged = set()
     for i, name in enumerate(SPACE.names):
         other = z.copy()
         other[:, i] += 0.1
-        mpc.act(SPACE.physical(other), observations, {})
+        mpc.act(SPACE.denormalise(other), observations, {})
         if all(np.array_equal(recorder.problem[key], before[key]) for key in before):
             unchanged.add(name)
     assert unchanged == dead
@@ -125,35 +125,35 @@ def test_aliased_weights_are_read_two_places_early(observations) -> None:
 
 
 def test_the_true_model_predicts_the_plant() -> None:
-    lanes = MpcTrackingLanes(N)
-    observations, _ = lanes.reset(seed=5)
+    num_envs = MpcTrackingVecEnv(N)
+    observations, _ = num_envs.reset(seed=5)
     actions, _, diagnostics = controller(linearisations=1).act(nominal(), observations, {})
-    after = lanes.step(actions)[0]
+    after = num_envs.step(actions)[0]
     np.testing.assert_array_equal(diagnostics["prediction"], after[:, :6])
 
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"linearisations": "converged"}, {"linearise_about": "shifted_plan"}],
+    [{}, {"linearisations": "converged"}, {"initial_guess": "shifted"}],
     ids=["default", "converged", "shifted"],
 )
-def test_a_lane_gives_the_same_bits_alone_and_again(observations, options) -> None:
+def test_an_environment_gives_the_same_bits_alone_and_again(observations, options) -> None:
     mpc = controller(**options)
     z, memory = boxed(8), mpc.init(8)
     if memory:
         memory["plan"][:] = np.random.default_rng(2).uniform(-0.1, 0.1, memory["plan"].shape)
     kept = observations[:8].copy(), {name: value.copy() for name, value in memory.items()}
-    together = mpc.act(SPACE.physical(z), observations[:8], memory)
-    for lane in (6, 0, 3):
-        row = slice(lane, lane + 1)
+    together = mpc.act(SPACE.denormalise(z), observations[:8], memory)
+    for env_index in (6, 0, 3):
+        row = slice(env_index, env_index + 1)
         own = {name: value[row] for name, value in memory.items()}
-        alone = mpc.act(SPACE.physical(z[row]), observations[row], own)
-        np.testing.assert_array_equal(alone[0][0], together[0][lane])
+        alone = mpc.act(SPACE.denormalise(z[row]), observations[row], own)
+        np.testing.assert_array_equal(alone[0][0], together[0][env_index])
         for one, many in ((alone[1], together[1]), (alone[2], together[2])):
             assert one.keys() == many.keys()
             for name in one:
                 if name != "solver_seconds":
-                    np.testing.assert_array_equal(one[name][0], many[name][lane])
+                    np.testing.assert_array_equal(one[name][0], many[name][env_index])
     np.testing.assert_array_equal(observations[:8], kept[0])
     for name, value in memory.items():
         np.testing.assert_array_equal(value, kept[1][name])
@@ -167,7 +167,7 @@ def test_a_stateless_controller_declares_no_memory(observations) -> None:
 
 def test_shifted_plan_begins_with_last_steps_plan_one_step_on(observations) -> None:
     solver = Recorder()
-    mpc = TrackingMpc(solver, MpcOptions(linearisations=1, linearise_about="shifted_plan"))
+    mpc = TrackingMpc(solver, MpcOptions(linearisations=1, initial_guess="shifted"))
     plan = np.random.default_rng(0).uniform(-0.1, 0.1, (N, 25, 2))
     memory = mpc.act(nominal(), observations, {"plan": plan})[1]
     shifted = np.concatenate([plan[:, 1:], plan[:, -1:]], axis=1)
@@ -192,7 +192,7 @@ def test_nothing_finite_gives_zero_input_and_says_so(observations) -> None:
 
 
 def test_a_shorter_horizon_reads_a_shorter_observation() -> None:
-    observations, _ = MpcTrackingLanes(2, horizon=10).reset(seed=0)
+    observations, _ = MpcTrackingVecEnv(2, horizon=10).reset(seed=0)
     actions, _, _ = controller(horizon=10).act(nominal(2), observations, {})
     assert actions.shape == (2, 2)
 

@@ -10,17 +10,17 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from zoac.tasks.mpc_tracking import path
-from zoac.tasks.mpc_tracking.plant import MpcTrackingLanes, make_single
+from zoac.tasks.mpc_tracking.plant import MpcTrackingVecEnv, make_single
 from zoac.tasks.mpc_tracking.vehicle import TRUE_PARAMETERS, BicycleModel
 
 
-def standing_on_the_path(x: float = 40.0, **errors: float) -> MpcTrackingLanes:
-    """Return one lane on the path at reference speed, off by `errors` (y, phi, u, v, omega)."""
-    lanes = MpcTrackingLanes(1)
-    lanes.reset(seed=0)
+def standing_on_the_path(x: float = 40.0, **errors: float) -> MpcTrackingVecEnv:
+    """Return one environment on the path at reference speed, off by `errors` (y, phi, u, v, omega)."""
+    num_envs = MpcTrackingVecEnv(1)
+    num_envs.reset(seed=0)
     state = {"y": path.lateral(x), "phi": path.heading(x), "u": 18.0, "v": 0.0, "omega": 0.0}
-    lanes.arrays["state"][0] = [x, *(state[name] + errors.get(name, 0.0) for name in state)]
-    return lanes
+    num_envs.arrays["state"][0] = [x, *(state[name] + errors.get(name, 0.0) for name in state)]
+    return num_envs
 
 
 def test_passes_gymnasiums_checker() -> None:
@@ -31,7 +31,7 @@ def test_passes_gymnasiums_checker() -> None:
 
 
 def test_starts_are_distributed_as_specified() -> None:
-    observations, _ = MpcTrackingLanes(4000).reset(seed=1)
+    observations, _ = MpcTrackingVecEnv(4000).reset(seed=1)
     x, y, phi, u, v, omega = observations[:, :6].T
     off = y - [path.lateral(value) for value in x]
     turned = phi - [path.heading(value) for value in x]
@@ -53,15 +53,15 @@ def test_starts_are_distributed_as_specified() -> None:
 
 
 def test_demonstration_start() -> None:
-    observations, _ = MpcTrackingLanes(1).reset(seed=3, options={"demonstration": True})
+    observations, _ = MpcTrackingVecEnv(1).reset(seed=3, options={"demonstration": True})
     expected = [8, path.lateral(8.0) + 0.25, path.heading(8.0) + 0.04, 17.6]
     expected += [17.6 * math.tan(0.03), 0.05]
     np.testing.assert_allclose(observations[0, :6], expected, rtol=1e-15)
 
 
 def test_observation_is_the_state_and_the_path_ahead_of_it() -> None:
-    lanes = MpcTrackingLanes(2, horizon=4)
-    observations, _ = lanes.reset(seed=0)
+    num_envs = MpcTrackingVecEnv(2, horizon=4)
+    observations, _ = num_envs.reset(seed=0)
     assert observations.shape == (2, 6 + 12)
     points = np.empty(12)
     path.preview(observations[1, 0], points)
@@ -69,9 +69,9 @@ def test_observation_is_the_state_and_the_path_ahead_of_it() -> None:
 
 
 def test_a_step_is_the_true_model() -> None:
-    lanes = MpcTrackingLanes(1)
-    before, _ = lanes.reset(seed=0)
-    after = lanes.step(np.array([[0.1, -1.0]]))[0]
+    num_envs = MpcTrackingVecEnv(1)
+    before, _ = num_envs.reset(seed=0)
+    after = num_envs.step(np.array([[0.1, -1.0]]))[0]
     expected = BicycleModel().predict(
         np.array([TRUE_PARAMETERS]), before[:, :6].copy(), np.array([[0.1, -1.0]])
     )
@@ -79,9 +79,9 @@ def test_a_step_is_the_true_model() -> None:
 
 
 def test_cost_is_taken_at_the_state_after_the_step() -> None:
-    lanes = standing_on_the_path(y=0.4, phi=-0.1, u=0.7, v=0.2, omega=0.05)
+    num_envs = standing_on_the_path(y=0.4, phi=-0.1, u=0.7, v=0.2, omega=0.05)
     delta, a = 0.02, 1.5
-    observations, rewards, *_, infos = lanes.step(np.array([[delta, a]]))
+    observations, rewards, *_, infos = num_envs.step(np.array([[delta, a]]))
     x, y, phi, u, _, omega = observations[0, :6]
     cost = (
         (u - 18) ** 2
@@ -110,10 +110,10 @@ def test_cost_is_taken_at_the_state_after_the_step() -> None:
 def test_an_episode_ends_where_an_error_is_too_large(inside: dict, outside: dict) -> None:
     # x = 0.01 s of travel later the errors have hardly changed.
     for errors, ends in ((inside, False), (outside, True)):
-        lanes = standing_on_the_path(x=0.0, **errors)
+        num_envs = standing_on_the_path(x=0.0, **errors)
         if "y" in errors:  # stay beside the path: no heading error to carry it across
-            lanes.arrays["state"][0, 2] = path.heading(0.9)
-        _, _, terminated, truncated, infos = lanes.step(np.zeros((1, 2)))
+            num_envs.arrays["state"][0, 2] = path.heading(0.9)
+        _, _, terminated, truncated, infos = num_envs.step(np.zeros((1, 2)))
         assert terminated[0] == ends
         assert not truncated[0]
         if not math.isnan(infos["cost"][0]):
@@ -121,11 +121,11 @@ def test_an_episode_ends_where_an_error_is_too_large(inside: dict, outside: dict
 
 
 def test_the_time_limit_truncates() -> None:
-    lanes = MpcTrackingLanes(1)
-    lanes.reset(seed=0)
+    num_envs = MpcTrackingVecEnv(1)
+    num_envs.reset(seed=0)
     for step in range(200):
-        lanes.arrays["state"][0] = standing_on_the_path().arrays["state"][0]
-        _, _, terminated, truncated, _ = lanes.step(np.zeros((1, 2)))
+        num_envs.arrays["state"][0] = standing_on_the_path().arrays["state"][0]
+        _, _, terminated, truncated, _ = num_envs.step(np.zeros((1, 2)))
         assert not terminated[0]
         assert truncated[0] == (step == 199)
 
@@ -134,16 +134,16 @@ def test_inputs_saturate() -> None:
     bound = np.array([[2 * math.pi / 15, 3.0]])
     results = []
     for action in (bound, 10 * bound):
-        lanes = MpcTrackingLanes(1)
-        lanes.reset(seed=0)
-        observations, rewards, *_ = lanes.step(action)
+        num_envs = MpcTrackingVecEnv(1)
+        num_envs.reset(seed=0)
+        observations, rewards, *_ = num_envs.step(action)
         results.append((observations, rewards))
     np.testing.assert_array_equal(results[0][0], results[1][0])
     np.testing.assert_array_equal(results[0][1], results[1][1])
 
 
-def test_a_lane_gives_the_same_bits_alone() -> None:
-    many, one = MpcTrackingLanes(5), MpcTrackingLanes(1)
+def test_an_environment_gives_the_same_bits_alone() -> None:
+    many, one = MpcTrackingVecEnv(5), MpcTrackingVecEnv(1)
     many.reset(seed=[10, 11, 12, 13, 14])
     one.reset(seed=[13])
     actions = np.random.default_rng(0).uniform(-0.1, 0.1, (30, 5, 2))

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from zoac.mpc.policy import MpcOptions
+from zoac.core.segments import Proposal, Segment
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
-from zoac.rollout import LaneGroup
-from zoac.segments import Proposal, Segment
+from zoac.mpc.sqp import MpcOptions
+from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.mpc_tracking import MpcTracking
 
 SOLVER = ClarabelSolver()
@@ -19,7 +19,7 @@ OPTIONS = MpcOptions(linearisations=1)
 
 
 def rollout(task: MpcTracking, z: np.ndarray) -> Segment:
-    return LaneGroup(task, [0], [7]).rollout([Proposal(z, lane=0, horizon=6)])[0]
+    return RolloutEngine(task, [0], [7]).rollout([Proposal(z, env_index=0, horizon=6)])[0]
 
 
 @pytest.fixture(scope="module")
@@ -45,16 +45,16 @@ def test_there_are_19_named_parameters() -> None:
 
 def test_the_nominal_parameters_lie_in_the_box() -> None:
     task = MpcTracking(solver=SOLVER)
-    again = task.space.physical(task.space.unit(task.nominal))
-    for name, value in task.nominal.items():
+    again = task.space.denormalise(task.space.normalise(task.baseline))
+    for name, value in task.baseline.items():
         assert again[name] == pytest.approx(value, rel=1e-12)
 
 
 def test_the_nominal_controller_predicts_without_error_and_keeps_to_the_path() -> None:
     task = MpcTracking(solver=SOLVER, mpc=OPTIONS)
-    episode = LaneGroup(task, [0], [7]).rollout([Proposal(task.space.unit(task.nominal), lane=0)])[
-        0
-    ]
+    episode = RolloutEngine(task, [0], [7]).rollout(
+        [Proposal(task.space.normalise(task.baseline), env_index=0)]
+    )[0]
     assert episode.truncated
     assert episode.length == 200
     assert metric("prediction_error", episode).max() < 1e-12

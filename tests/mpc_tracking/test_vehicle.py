@@ -32,13 +32,13 @@ def test_rollout_and_jacobians_agree_with_automatic_differentiation(points, orac
     theta, start, inputs = points
     states, a, b = BicycleModel().linearise(theta, start, inputs)
     np.testing.assert_array_equal(states[:, 0], start)
-    for lane in range(N):
+    for env_index in range(N):
         for k in range(inputs.shape[1]):
-            expected = oracle(states[lane, k], inputs[lane, k], theta[lane])
+            expected = oracle(states[env_index, k], inputs[env_index, k], theta[env_index])
             after, by_state, by_input = (value.full() for value in expected)
-            np.testing.assert_allclose(states[lane, k + 1], after[:, 0], rtol=1e-12)
-            np.testing.assert_allclose(a[lane, k], by_state, rtol=1e-11, atol=1e-13)
-            np.testing.assert_allclose(b[lane, k], by_input, rtol=1e-11, atol=1e-13)
+            np.testing.assert_allclose(states[env_index, k + 1], after[:, 0], rtol=1e-12)
+            np.testing.assert_allclose(a[env_index, k], by_state, rtol=1e-11, atol=1e-13)
+            np.testing.assert_allclose(b[env_index, k], by_input, rtol=1e-11, atol=1e-13)
 
 
 def test_prediction_is_the_first_step_of_the_rollout(points) -> None:
@@ -53,12 +53,12 @@ def test_sparsity_is_exactly_where_the_jacobians_can_differ_from_zero(points) ->
     np.testing.assert_array_equal((b != 0).any((0, 1)), BicycleModel.sparsity.b)
 
 
-def test_a_lane_gives_the_same_bits_alone(points) -> None:
+def test_an_environment_gives_the_same_bits_alone(points) -> None:
     together = BicycleModel().linearise(*points)
-    for lane in (0, 7, N - 1):
-        alone = BicycleModel().linearise(*(array[lane : lane + 1] for array in points))
+    for env_index in (0, 7, N - 1):
+        alone = BicycleModel().linearise(*(array[env_index : env_index + 1] for array in points))
         for one, many in zip(alone, together, strict=True):
-            np.testing.assert_array_equal(one[0], many[lane])
+            np.testing.assert_array_equal(one[0], many[env_index])
 
 
 def test_a_standstill_gives_infinities_and_no_exception() -> None:

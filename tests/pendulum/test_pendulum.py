@@ -4,12 +4,12 @@ import gymnasium
 import numpy as np
 import pytest
 
-from zoac.analysis.replay import costs
-from zoac.tasks.pendulum import EnergyPd, Pendulum, PendulumLanes
+from zoac.analysis.data.replay import costs
+from zoac.tasks.pendulum import EnergyPd, Pendulum, PendulumVecEnv
 
 
 def test_the_plant_is_gymnasiums():
-    theirs, ours = gymnasium.make("Pendulum-v1").unwrapped, PendulumLanes(1)
+    theirs, ours = gymnasium.make("Pendulum-v1").unwrapped, PendulumVecEnv(1)
     theirs.reset(seed=0)
     ours.reset(seed=[0])
     ours.arrays["angle"][0], ours.arrays["speed"][0] = theirs.state
@@ -24,7 +24,7 @@ def test_the_plant_is_gymnasiums():
 
 @pytest.mark.parametrize(("option", "value"), [("mass", 1.5), ("length", 0.8)])
 def test_mass_and_length_are_gymnasiums(option, value):
-    theirs, ours = gymnasium.make("Pendulum-v1").unwrapped, PendulumLanes(1, **{option: value})
+    theirs, ours = gymnasium.make("Pendulum-v1").unwrapped, PendulumVecEnv(1, **{option: value})
     setattr(theirs, {"mass": "m", "length": "l"}[option], value)
     theirs.reset(seed=0)
     ours.reset(seed=[0])
@@ -36,7 +36,7 @@ def test_mass_and_length_are_gymnasiums(option, value):
 def test_the_hand_gains_swing_up_and_hold():
     task = Pendulum()
     env, controller = task.make_env(1), task.make_controller()
-    params = {name: np.array([value]) for name, value in task.nominal.items()}
+    params = {name: np.array([value]) for name, value in task.baseline.items()}
     obs, _ = env.reset(options={"demonstration": True})
     env.arrays["speed"][0] = 0.1
     for _ in range(200):
@@ -52,6 +52,6 @@ def test_without_missing_energy_nothing_pushes():
 
 def test_each_gain_matters_to_the_cost():
     task = Pendulum()
-    start = task.space.unit(task.nominal)
+    start = task.space.normalise(task.baseline)
     points = np.stack([start, *(start + 0.3 * row for row in np.eye(4))])
     assert len(set(costs(task, points, 4, 0).mean(axis=1))) == 5

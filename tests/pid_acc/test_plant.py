@@ -6,7 +6,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import zoac  # noqa: F401 (registers the environments)
-from zoac.tasks.pid_acc import PidAccLanes
+from zoac.tasks.pid_acc import PidAccVecEnv
 from zoac.tasks.pid_acc.plant import demonstration_profile, make_single
 
 A = np.array([[0, 1, -2.5], [0, 0, -1], [0, 0, -1 / 0.45]])
@@ -37,44 +37,44 @@ def independent_episode(w, increments, jerk_weight):
 @pytest.mark.parametrize(("jerk", "weight"), [("rate", 0.1 / 0.1**2), ("increment", 0.1)])
 @pytest.mark.parametrize("scale", [0.02, 3.0])
 def test_steps_and_costs_match_an_independent_simulation(jerk, weight, scale):
-    lanes = PidAccLanes(num_envs=4, jerk=jerk)
-    lanes.reset(seed=3)
+    num_envs = PidAccVecEnv(num_envs=4, jerk=jerk)
+    num_envs.reset(seed=3)
     rng = np.random.default_rng(0)
     increments = rng.normal(0, scale, (200, 4, 1))
-    w = lanes.arrays["preceding"].copy()
+    w = num_envs.arrays["preceding"].copy()
     expected = [independent_episode(w[i], increments[:, i, 0], weight) for i in range(4)]
     over = np.zeros(4, dtype=bool)
     for t in range(200):
-        observations, rewards, terminated, _, infos = lanes.step(increments[t], ~over)
-        for lane in np.flatnonzero(~over):
-            states, costs, ends = expected[lane]
-            np.testing.assert_allclose(observations[lane], states[t], atol=1e-12)
-            assert infos["cost"][lane] == pytest.approx(costs[t], abs=1e-12)
-            assert rewards[lane] == -infos["cost"][lane]
-            assert terminated[lane] == (ends and t == len(costs) - 1)
+        observations, rewards, terminated, _, infos = num_envs.step(increments[t], ~over)
+        for env_index in np.flatnonzero(~over):
+            states, costs, ends = expected[env_index]
+            np.testing.assert_allclose(observations[env_index], states[t], atol=1e-12)
+            assert infos["cost"][env_index] == pytest.approx(costs[t], abs=1e-12)
+            assert rewards[env_index] == -infos["cost"][env_index]
+            assert terminated[env_index] == (ends and t == len(costs) - 1)
         over |= terminated
 
 
 def test_an_episode_is_cut_at_1000_steps():
-    lanes = PidAccLanes(num_envs=1, preceding_std=0.0)
-    lanes.reset(seed=0)
-    ends = [lanes.step(np.zeros((1, 1)))[3][0] for _ in range(1000)]
+    num_envs = PidAccVecEnv(num_envs=1, preceding_std=0.0)
+    num_envs.reset(seed=0)
+    ends = [num_envs.step(np.zeros((1, 1)))[3][0] for _ in range(1000)]
     assert ends == [False] * 999 + [True]
 
 
 def test_preceding_car_holds_its_acceleration_for_3_seconds_and_stays_in_bounds():
-    lanes = PidAccLanes(num_envs=50, preceding_std=0.5)
-    lanes.reset(seed=0)
-    blocks = lanes.arrays["preceding"].reshape(50, -1, 30)
+    num_envs = PidAccVecEnv(num_envs=50, preceding_std=0.5)
+    num_envs.reset(seed=0)
+    blocks = num_envs.arrays["preceding"].reshape(50, -1, 30)
     assert (blocks == blocks[:, :, :1]).all()
     assert blocks.min() == -1.5
     assert blocks.max() == 0.6
 
 
 def test_005_is_the_standard_deviation():
-    lanes = PidAccLanes(num_envs=200)
-    lanes.reset(seed=0)
-    draws = lanes.arrays["preceding"][:, ::30]
+    num_envs = PidAccVecEnv(num_envs=200)
+    num_envs.reset(seed=0)
+    draws = num_envs.arrays["preceding"][:, ::30]
     assert draws.std() == pytest.approx(0.05, rel=0.03)
 
 
@@ -90,7 +90,7 @@ def test_demonstration_profile_is_that_of_figure_5():
 def test_demonstration_is_an_option_of_reset():
     env = make_single()
     env.reset(options={"demonstration": True})
-    assert np.array_equal(env.lanes.arrays["preceding"][0], demonstration_profile(1020))
+    assert np.array_equal(env.num_envs.arrays["preceding"][0], demonstration_profile(1020))
 
 
 def test_gymnasiums_checker_is_content():
@@ -98,18 +98,18 @@ def test_gymnasiums_checker_is_content():
 
 
 def test_make_vec_gives_the_vectorised_plant():
-    lanes = gymnasium.make_vec("zoac/PidAcc-v0", num_envs=3)
-    assert isinstance(lanes.unwrapped, PidAccLanes)
-    assert lanes.num_envs == 3
+    num_envs = gymnasium.make_vec("zoac/PidAcc-v0", num_envs=3)
+    assert isinstance(num_envs.unwrapped, PidAccVecEnv)
+    assert num_envs.num_envs == 3
 
 
-def test_the_single_environment_is_one_lane_of_the_vectorised_one():
-    single, lanes = gymnasium.make("zoac/PidAcc-v0"), PidAccLanes(num_envs=2)
+def test_the_single_environment_is_one_environment_of_the_vectorised_one():
+    single, num_envs = gymnasium.make("zoac/PidAcc-v0"), PidAccVecEnv(num_envs=2)
     single.reset(seed=8)
-    lanes.reset(seed=[5, 8])
+    num_envs.reset(seed=[5, 8])
     for _ in range(5):
         one = single.step(np.array([0.1]))
-        all_ = lanes.step(np.full((2, 1), 0.1))
+        all_ = num_envs.step(np.full((2, 1), 0.1))
         assert np.array_equal(one[0], all_[0][1])
         assert one[1] == all_[1][1]
         assert one[4]["cost"] == all_[4]["cost"][1]

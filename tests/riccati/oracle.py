@@ -6,7 +6,7 @@ import numpy as np
 import quadprog
 
 from tests.mpc.problems import gradient
-from zoac.mpc.solvers.base import LinearisedProblem
+from zoac.mpc.problem import LinearisedProblem
 
 
 def condense(

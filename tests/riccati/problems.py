@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from zoac.mpc.solvers.base import LinearisedProblem
+from zoac.mpc.problem import LinearisedProblem
 
 Dynamics = Callable[[np.ndarray, np.ndarray], np.ndarray]
 

@@ -14,8 +14,7 @@ import pytest
 
 from tests.riccati.oracle import solve_condensed
 from tests.riccati.problems import cart_poles
-from zoac.mpc import riccati
-from zoac.mpc.solvers import base
+from zoac.mpc import problem, riccati
 
 FOLDER = Path(riccati.__file__).parent
 EXAMPLE = re.findall(r"```python\n(.*?)```", (FOLDER / "README.md").read_text(), re.S)[0]
@@ -51,7 +50,7 @@ def test_an_edit_to_any_of_its_files_compiles_anew() -> None:
 
 
 def test_its_status_numbers_are_those_of_every_solver() -> None:
-    assert {s.name: s.value for s in riccati.Status} == {s.name: s.value for s in base.Status}
+    assert {s.name: s.value for s in riccati.Status} == {s.name: s.value for s in problem.Status}
 
 
 def test_plain_arrays_give_the_plans_of_an_independent_solver() -> None:

@@ -19,11 +19,11 @@ from tests.riccati.oracle import (
     solve_in_extended_precision,
 )
 from tests.riccati.problems import cart_poles, quadrotors
-from zoac.errors import ConfigError
-from zoac.mpc.policy import _take
-from zoac.mpc.solvers.base import LinearisedProblem, Sparsity, Status
+from zoac.core.errors import ConfigError
+from zoac.mpc.problem import LinearisedProblem, Sparsity, Status
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.riccati import Riccati
+from zoac.mpc.sqp import _take
 from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH
 
 SOLVER = Riccati()
@@ -38,9 +38,9 @@ def rows(problem: LinearisedProblem, lanes: list[int]) -> LinearisedProblem:
 
 
 @pytest.mark.parametrize("careful", [False, True])
-def test_plans_of_the_whole_box_satisfy_the_kkt_conditions(careful: bool) -> None:
+def test_plans_of_the_whole_box_satisfy_the_kkt_conditions(robust: bool) -> None:
     problem = vehicles(3000, 0)
-    solution = SOLVER.solve(problem, careful)
+    solution = SOLVER.solve(problem, robust)
     np.testing.assert_array_equal(solution.status, Status.SOLVED)
     assert kkt_error(problem, solution.inputs).max() < 1e-6
 
@@ -57,9 +57,9 @@ def test_plans_of_the_whole_box_satisfy_the_kkt_conditions(careful: bool) -> Non
 )
 @pytest.mark.parametrize("careful", [False, True])
 def test_plans_agree_with_quadprog_on_the_condensed_problem(
-    problem: LinearisedProblem, careful: bool
+    problem: LinearisedProblem, robust: bool
 ) -> None:
-    solution = SOLVER.solve(problem, careful)
+    solution = SOLVER.solve(problem, robust)
     np.testing.assert_array_equal(solution.status, Status.SOLVED)
     for lane, plan in enumerate(solution.inputs):
         np.testing.assert_allclose(plan, solve_condensed(problem, lane), rtol=0, atol=1e-7)
@@ -165,17 +165,17 @@ MIXED = ("vehicle", "mild vehicle")
 
 @pytest.mark.parametrize("name", COMPANIES)
 @pytest.mark.parametrize("careful", [False, True])
-def test_a_lane_has_the_same_bits_alone_in_any_company_and_after_anything(
-    careful: bool, name: str
+def test_an_environment_has_the_same_bits_alone_in_any_company_and_after_anything(
+    robust: bool, name: str
 ) -> None:
     problem = COMPANIES[name]
-    together = SOLVER.solve(problem, careful)
+    together = SOLVER.solve(problem, robust)
     order = np.random.default_rng(0).permutation(len(problem.a)).tolist()
-    shuffled = SOLVER.solve(rows(problem, order), careful)
+    shuffled = SOLVER.solve(rows(problem, order), robust)
     np.testing.assert_array_equal(shuffled.inputs, together.inputs[order])
     np.testing.assert_array_equal(shuffled.iterations, together.iterations[order])
     for lane in range(len(problem.a)):
-        alone = SOLVER.solve(rows(problem, [lane]), careful)
+        alone = SOLVER.solve(rows(problem, [lane]), robust)
         np.testing.assert_array_equal(alone.inputs[0], together.inputs[lane])
         assert alone.iterations[0] == together.iterations[lane]
 
@@ -197,7 +197,7 @@ def test_an_input_that_passes_its_bound_by_a_hair_does_so_alone_and_in_company(
         assert (twice.inputs <= top).all()
 
 
-def test_companies_hold_lanes_in_which_inputs_reach_a_bound_and_others() -> None:
+def test_companies_hold_environments_in_which_inputs_reach_a_bound_and_others() -> None:
     few, most = (np.mean(SOLVER.solve(COMPANIES[name]).iterations == 1) for name in MIXED)
     assert 0.2 < few < 0.6
     assert 0.7 < most < 1.0
@@ -217,7 +217,7 @@ FIELDS = ("states", "inputs", "a", "b", "reference", "state_weights", "input_wei
 @pytest.mark.parametrize("field", FIELDS)
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("stage", [0, -1])
-def test_data_that_are_not_finite_have_a_status_and_touch_no_other_lane(
+def test_data_that_are_not_finite_have_a_status_and_touch_no_other_environment(
     field: str, value: float, stage: int
 ) -> None:
     problem = vehicles(3, 9)
@@ -262,8 +262,8 @@ def test_inputs_without_bounds_are_free() -> None:
     problem = replace(
         vehicles(300, 12), input_low=np.array([-np.inf, -3.0]), input_high=np.array([np.inf, 3.0])
     )
-    for careful in (False, True):
-        solution = SOLVER.solve(problem, careful)
+    for robust in (False, True):
+        solution = SOLVER.solve(problem, robust)
         np.testing.assert_array_equal(solution.status, Status.SOLVED)
         assert kkt_error(problem, solution.inputs).max() < 1e-6
         assert solution.iterations.max() < 30  # the active-set method alone takes up to 50
@@ -276,8 +276,8 @@ def test_equal_bounds_pin_an_input() -> None:
     high, low = problem.input_high.copy(), problem.input_low.copy()
     high[1] = low[1] = 0.5
     pinned = replace(problem, inputs=inputs, input_low=low, input_high=high)
-    for careful in (False, True):
-        solution = SOLVER.solve(pinned, careful)
+    for robust in (False, True):
+        solution = SOLVER.solve(pinned, robust)
         np.testing.assert_array_equal(solution.status, Status.SOLVED)
         np.testing.assert_array_equal(solution.inputs[:, :, 1], 0.5)
         narrow = np.array([0.0, 1e-9])

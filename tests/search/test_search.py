@@ -15,13 +15,14 @@ from pathlib import Path
 import pytest
 
 from tests.support import Traps, with_a_trap
-from zoac import checkpoint, session
-from zoac.errors import ConfigError, ControllerError
+from zoac.core.errors import ConfigError, ControllerError
+from zoac.runs import checkpoint
+from zoac.training import lifecycle
 
 optuna = pytest.importorskip("optuna", reason="pip install 'zoac[search]'")
 
+from zoac.cli.search_ranges import distributions  # noqa: E402
 from zoac.search import Search, split  # noqa: E402
-from zoac.search_ranges import distributions  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 OPTIONS = {
@@ -30,7 +31,7 @@ OPTIONS = {
     "trials": 12, "seeds": [5, 6], "evaluation_seed": 7, "startup": 3, "prune": False, "seed": 0,
     "name": None, "storage": None,
 }  # fmt: skip
-RUNS = ["task=pid_acc", "tuner=zoac", "lanes=2"]
+RUNS = ["task=pid_acc", "tuner=zoac", "num_envs=2"]
 
 
 class Cheap(Search):
@@ -86,7 +87,7 @@ def test_an_edit_of_their_own_code_makes_another_search(tmp_path, monkeypatch):
     code = tmp_path / "own" / "tank.py"
     code.write_text(code.read_text().replace("DT = 1.0", "DT = 20.0"))
     sys.modules.pop("tank")
-    session._seen.clear()  # as in another process
+    lifecycle._seen.clear()  # as in another process
     with pytest.raises(ConfigError, match="another configuration, code or ranges"):
         cheap(tmp_path, runs=runs)
     sys.modules.pop("tank")
@@ -223,7 +224,7 @@ COMMAND = [
     "task=pid_acc", "tuner=es", "search=zoac", "~search.ranges.tuner", "search.seeds=[5,6]",
     "+search.ranges.tuner.sigma.low=0.02", "+search.ranges.tuner.sigma.high=0.4",
     "search.trials=2", "eval_every=10000000", "evaluation.episodes=1", "checkpoint_seconds=0",
-    "evaluation.final_episodes=2", "task.max_episode_steps=50", "lanes=2",
+    "evaluation.final_episodes=2", "task.max_episode_steps=50", "num_envs=2",
 ]  # fmt: skip
 
 
@@ -245,7 +246,7 @@ def outcome(folder):
     return [(t.number, t.params, t.value) for t in study.get_trials()]
 
 
-def test_a_killed_process_loses_nothing_and_two_share_a_study(tmp_path):
+def test_a_killed_process_loses_nothing_and_two_fraction_a_study(tmp_path):
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     whole.mkdir()
     parts.mkdir()

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from zoac.segments import Segment
+from zoac.core.segments import Segment
 
 
 def residuals(segment: Segment, values: np.ndarray, gamma: float) -> np.ndarray:
@@ -51,20 +51,20 @@ def value_targets(deltas: np.ndarray, values: np.ndarray, decay: float) -> np.nd
 
 
 def pieces(segments: Sequence[Segment]) -> Iterable[list[int]]:
-    """Yield lists of indices of segments that follow each other in one lane and one episode.
+    """Yield lists of indices of segments that follow each other in one environment and one episode.
 
-    A branch is a piece of its own: what the lane did next does not follow from it.
+    A branch is a piece of its own: what the environment did next does not follow from it.
     """
     chains: dict[int, list[int]] = {}
     for index, segment in enumerate(segments):
-        if segment.proposal.branch:
+        if segment.proposal.restore:
             yield [index]
             continue
-        lane = segment.proposal.lane
-        chain = chains.setdefault(lane, [])
+        env_index = segment.proposal.env_index
+        chain = chains.setdefault(env_index, [])
         if chain and segment.starts_episode:
             yield chain
-            chain = chains[lane] = []
+            chain = chains[env_index] = []
         chain.append(index)
     yield from chains.values()
 
@@ -75,7 +75,7 @@ def estimate(
     """Return the advantages (eq. 9) and the value targets (eq. 7) of an iteration.
 
     Args:
-        segments: In the order in which their lanes ran them.
+        segments: In the order in which their environments ran them.
         values: The critic's values of each segment's observations, (T + 1,) each.
         gamma: Discount factor.
         lam: GAE's lambda.

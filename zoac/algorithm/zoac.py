@@ -1,7 +1,7 @@
 """Zeroth-order actor-critic: Algorithm 1 of the paper, with the values of its Table III.
 
-Each iteration, n lanes run H segments of N steps under perturbed parameters; a critic turns them
-into advantages; the parameters follow the zeroth-order gradient.
+Each iteration, n environments run H segments of N steps under perturbed parameters; a critic turns
+them into advantages; the parameters follow the zeroth-order gradient.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from zoac.algorithm.adam import Adam
 from zoac.algorithm.advantage import estimate
 from zoac.algorithm.critic import Critic
 from zoac.algorithm.gradient import standardised, zeroth_order_gradient
-from zoac.errors import ConfigError
-from zoac.numbers import Count, NonNegative, Positive
-from zoac.outcomes import step_costs
-from zoac.segments import Proposal, Segment
-from zoac.tuner import Problem, Tuner
+from zoac.core.errors import ConfigError
+from zoac.core.outcomes import step_costs
+from zoac.core.segments import Proposal, Segment
+from zoac.core.tuner import Problem, Tuner
+from zoac.core.types import Count, NonNegative, Positive
 
 CRITIC_LIMIT = 1e15
 """What the critic, a network in float32, is shown lies within: squares of it do not overflow."""
 
-Fraction = Annotated[float, Field(ge=0, le=1)]
+UnitInterval = Annotated[float, Field(ge=0, le=1)]
 
 
 _STARTS = {
     "random": "uniform in the mapped box, from the seed",
-    "nominal": "the task's nominal parameters",
+    "baseline": "the task's baseline parameters",
 }
 
 
@@ -48,9 +48,9 @@ class Zoac(Tuner):
         step_size_end: Positive | None = None,
         step_size_slope: NonNegative = 0.0,
         anneal: bool = True,
-        start: Literal["random", "nominal"] = "random",
-        gamma: Fraction = 0.99,
-        lam: Fraction = 0.95,
+        start: Literal["random", "baseline"] = "random",
+        gamma: UnitInterval = 0.99,
+        lam: UnitInterval = 0.95,
         hidden: Sequence[Count] = (256, 256),
         critic_step_size: Positive = 5e-4,
         epochs: Count = 10,
@@ -61,19 +61,19 @@ class Zoac(Tuner):
         project: bool = True,
         mirrored: bool = False,
         recommend: Literal["last", "average"] = "last",
-        average_decay: Fraction = 0.97,
+        average_decay: UnitInterval = 0.97,
     ) -> None:
         """
         Args:
             problem: What is tuned.
             segment_length: N, steps that a perturbation is held.
-            segments: H, segments per lane and iteration ("train frequency").
+            segments: H, segments per environment and iteration ("train frequency").
             sigma: Standard deviation of the perturbation in the mapped box.
             step_size: Step size of the first iteration.
             step_size_end: Step size at which annealing stops; None: the first one.
             step_size_slope: Decrease of the step size per iteration.
             anneal: False keeps the first step size (the authors' code).
-            start: Begin anywhere in the box (the paper), or at the task's nominal parameters.
+            start: Begin anywhere in the box (the paper), or at the task's baseline parameters.
             gamma: Discount factor.
             lam: lambda of generalised advantage estimation.
             hidden: Widths of the critic's hidden layers.
@@ -86,7 +86,7 @@ class Zoac(Tuner):
             project: Keep theta_m in Theta_m = [-1, 1]^d, as Algorithm 1 states it; False clips
                 only where parameters are mapped, so that an iterate can wander outside, where
                 perturbations change nothing and nothing draws it back.
-            mirrored: Lanes 2i and 2i + 1 use opposite perturbations.
+            mirrored: Environments 2i and 2i + 1 use opposite perturbations.
             recommend: The last iterate, or an exponential average of the iterates.
             average_decay: Decay of that average per iteration.
         """
@@ -112,10 +112,10 @@ class Zoac(Tuner):
         dimension = problem.space.dimension
         self._start = start
         self._theta = self._rng.uniform(-1.0, 1.0, dimension)  # theta_m
-        if start == "nominal":
-            if problem.nominal is None:
-                raise ConfigError("tuner.start=nominal: this task has no nominal parameters")
-            self._theta = problem.nominal.copy()
+        if start == "baseline":
+            if problem.start is None:
+                raise ConfigError("tuner.start=baseline: this task has no baseline parameters")
+            self._theta = problem.start.copy()
         self._average = self._theta.copy()
         self._adam = Adam(dimension)
         self._iteration = self._skipped = 0
@@ -126,31 +126,31 @@ class Zoac(Tuner):
 
     def ask(self) -> list[Proposal]:
         """Return n H segments around theta_m (Algorithm 1, lines 3 to 6)."""
-        lanes = self._problem.lanes
-        shape = (self._segments, lanes, self._problem.space.dimension)
+        num_envs = self._problem.num_envs
+        shape = (self._segments, num_envs, self._problem.space.dimension)
         epsilon = self._rng.standard_normal(shape)
         if self._mirrored:
-            half = lanes // 2
+            half = num_envs // 2
             epsilon[:, 1 : 2 * half : 2] = -epsilon[:, 0 : 2 * half : 2]
         self._directions = epsilon.reshape(-1, shape[-1])
         return [
             proposal
             for j in range(self._segments)
-            for i in range(lanes)
+            for i in range(num_envs)
             for proposal in self._perturbed(self._sigma * epsilon[j, i], i)
         ]
 
-    def _perturbed(self, offset: np.ndarray, lane: int) -> list[Proposal]:
+    def _perturbed(self, offset: np.ndarray, env_index: int) -> list[Proposal]:
         """Return what is run for one direction."""
-        return [Proposal(z=self._theta + offset, lane=lane, horizon=self._length)]
+        return [Proposal(x=self._theta + offset, env_index=env_index, horizon=self._length)]
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Update critic and parameters (Algorithm 1, lines 7 to 13)."""
-        self.meanwhile()
+        self.background_update()
         segments = self._finite(segments)
         everything = within_float32(np.concatenate([s.observations for s in segments]))
         # Advantages come from the critic as it was before this iteration's update, so the update
-        # (line 11) can wait for a better moment: see `meanwhile`.
+        # (line 11) can wait for a better moment: see `background_update`.
         values = self._critic.values(everything)
         ends = np.cumsum([len(s.observations) for s in segments])[:-1]
         advantages, targets = estimate(segments, np.split(values, ends), self._gamma, self._lam)
@@ -182,7 +182,7 @@ class Zoac(Tuner):
             self._theta = self._problem.space.clip(self._theta)
         self._average = self._decay * self._average + (1 - self._decay) * self._theta
 
-    def meanwhile(self) -> None:
+    def background_update(self) -> None:
         """Update the critic (Algorithm 1, line 11): most of the time, and nobody waits for it."""
         if self._pending is None:
             return
@@ -214,7 +214,7 @@ class Zoac(Tuner):
 
     def state(self) -> dict[str, Any]:
         """Return everything that lasts between iterations."""
-        self.meanwhile()
+        self.background_update()
         return {
             "rng": self._rng.bit_generator.state,
             "critic": self._critic.state(),

@@ -12,12 +12,12 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from zoac.algorithm.race import Race
-from zoac.algorithm.zoac import Fraction, Zoac
-from zoac.held_out import HeldOut
-from zoac.numbers import Count
-from zoac.segments import Proposal, Segment
-from zoac.tuner import Problem
+from zoac.algorithm.zoac import UnitInterval, Zoac
+from zoac.core.segments import Proposal, Segment
+from zoac.core.tuner import Problem
+from zoac.core.types import Count
+from zoac.strategies.held_out import HeldOut
+from zoac.strategies.successive_halving import SuccessiveHalving
 
 SHRINK, RECOVER = 0.5, 1.05
 """Of perturbation and step, after an iteration with too many terminations and after any other."""
@@ -26,16 +26,16 @@ SHRINK, RECOVER = 0.5, 1.05
 class ZoacPlus(Zoac):
     """Zeroth-order actor-critic on pairs of branches, from the winner of a race.
 
-    A lane runs N steps with theta + sigma epsilon, is put back to where it stood, and runs N steps
-    with theta - sigma epsilon; the direction counts by half the difference of the two advantages.
-    Start, disturbances and most of what the critic does not know are common to both and cancel.
-    Both branches count as environment steps, and so do race and finals.
+    An environment runs N steps with theta + sigma epsilon, is put back to where it stood, and runs
+    N steps with theta - sigma epsilon; the direction counts by half the difference of the two
+    advantages. Start, disturbances and most of what the critic does not know are common to both and
+    cancel. Both branches count as environment steps, and so do race and finals.
 
     Perturbation and step stay as they are. The last part of the budget decides on common held-out
     episodes between the winner of the race, averages of the iterates and the baseline, if any.
 
-    Where an environment cannot be put back (`Problem.branches`), directions are run one way, and
-    race and finals on the lanes' own episodes.
+    Where an environment cannot be put back (`Problem.supports_snapshots`), directions are run one
+    way, and race and finals on the environments' own episodes.
     """
 
     def __init__(
@@ -43,50 +43,50 @@ class ZoacPlus(Zoac):
         problem: Problem,
         *,
         paired: bool = True,
-        race_share: Fraction = 0.4,
-        race_rounds: Count = 6,
-        race_survivors: Fraction | None = None,
-        finals_share: Fraction = 0.1,
-        finals_entries: Count = 3,
-        tolerated_terminations: Annotated[float, Field(ge=0, lt=1)] | None = None,
+        halving_fraction: UnitInterval = 0.4,
+        halving_rounds: Count = 6,
+        halving_survivors: UnitInterval | None = None,
+        selection_fraction: UnitInterval = 0.1,
+        selection_candidates: Count = 3,
+        max_termination_rate: Annotated[float, Field(ge=0, lt=1)] | None = None,
         **options: Any,
     ) -> None:
         """
         Args:
             problem: What is tuned.
             paired: Run every direction both ways from the same state.
-            race_share: Part of the budget for finding a start; 0 starts as `start` says.
-            race_rounds: Rounds of the race, with horizons that grow to a whole episode.
-            race_survivors: Part of each round's field that the last round's best make up; the rest
-                are their children. Few survivors suit few parameters; None: by their number.
-            finals_share: Part of the budget for held-out episodes on which the recommendation is
-                chosen; 0 recommends as `recommend` says.
-            finals_entries: Averages of the iterates that meet the winner of the race there, taken
-                at equal distances.
-            tolerated_terminations: Part of an iteration's segments that may end in termination;
+            halving_fraction: Part of the budget for finding a start; 0 starts as `start` says.
+            halving_rounds: Rounds of the race, with horizons that grow to a whole episode.
+            halving_survivors: Part of each round's field that the last round's best make up; the
+                rest are their children. Few survivors suit few parameters; None: by their number.
+            selection_fraction: Part of the budget for held-out episodes on which the recommendation
+                is chosen; 0 recommends as `recommend` says.
+            selection_candidates: Averages of the iterates that meet the winner of the race there,
+                taken at equal distances.
+            max_termination_rate: Part of an iteration's segments that may end in termination;
                 above it perturbation and step shrink, below it they come back. None: any. For
                 careful tuning from known gains: no race, which tries the whole box.
             options: Those of `Zoac`.
         """
         super().__init__(problem, **options)
         self._widest = self._sigma
-        self._paired = paired and problem.branches
-        self._tolerated, self._caution = tolerated_terminations, 1.0
-        self._race = Race(
+        self._paired = paired and problem.supports_snapshots
+        self._max_termination_rate, self._safety = max_termination_rate, 1.0
+        self._halving = SuccessiveHalving(
             problem,
             self._rng,
             self._theta,
-            share=race_share,
-            rounds=race_rounds,
-            survivors=race_survivors,
+            fraction=halving_fraction,
+            rounds=halving_rounds,
+            survivor_fraction=halving_survivors,
         )
-        self._finals = HeldOut(problem, "finals", seeded=problem.branches)
-        if self._race.over:
-            self._finals.enter(self._theta)
-        self._entries, self._entered = finals_entries, 0
+        self._selection = HeldOut(problem, "finals", seeded=problem.supports_snapshots)
+        if self._halving.over:
+            self._selection.enter(self._theta)
+        self._entries, self._entered = selection_candidates, 0
         self._spent, self._search_from = 0, 0
-        self._search_to = problem.budget * (1.0 - finals_share)
-        self._race_share, self._finals_share = race_share, finals_share
+        self._search_to = problem.budget * (1.0 - selection_fraction)
+        self._halving_fraction, self._selection_fraction = halving_fraction, selection_fraction
 
     @property
     def progress(self) -> float:
@@ -97,75 +97,77 @@ class ZoacPlus(Zoac):
     @property
     def step_size(self) -> float:
         """Shrinks with terminations, if so told."""
-        return self._caution * super().step_size
+        return self._safety * super().step_size
 
     @property
-    def _in_finals(self) -> bool:
-        if not self._race.over or not self._finals_share:
+    def _in_selection(self) -> bool:
+        if not self._halving.over or not self._selection_fraction:
             return False
         # A small budget: another iteration would leave too few steps to choose by.
-        iteration = self._segments * self._length * self._problem.lanes * (1 + self._paired)
+        iteration = self._segments * self._length * self._problem.num_envs * (1 + self._paired)
         left = self._problem.budget - self._spent - iteration
-        few = self._spent > 0 and left < self._finals.steps(self._finals.busy)
-        return self._finals.begun or self._spent >= self._search_to or few
+        few = self._spent > 0 and left < self._selection.steps(self._selection.busy)
+        return self._selection.begun or self._spent >= self._search_to or few
 
     def ask(self) -> list[Proposal]:
         """Return the race's next round, then pairs of segments, then the finals' episodes."""
-        if not self._race.over:
-            return self._race.ask()
-        if self._in_finals:
-            if not self._finals.begun:
-                self._finals.enter_baseline()
-            return self._finals.ask_within(self._problem.budget - self._spent)
-        self._sigma = self._caution * self._widest
+        if not self._halving.over:
+            return self._halving.ask()
+        if self._in_selection:
+            if not self._selection.begun:
+                self._selection.enter_baseline()
+            return self._selection.ask_within(self._problem.budget - self._spent)
+        self._sigma = self._safety * self._widest
         return super().ask()
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Hand what came back to the part that asked for it."""
         steps = sum(segment.length for segment in segments)
-        if not self._race.over:
+        if not self._halving.over:
             self._spent += steps
-            return self._tell_race(segments)
-        if self._in_finals:
+            return self._tell_halving(segments)
+        if self._in_selection:
             self._spent += steps
             return self._tell_finals(segments)
         numbers = super().tell(segments)
         self._spent += steps
-        self._be_careful(segments)
+        self._adapt_to_terminations(segments)
         while self._entered + 1 <= self._entries * self.progress + 1e-9:
             self._entered += 1
-            self._finals.enter(self._average)
+            self._selection.enter(self._average)
         return {**numbers, "sigma": self._sigma}
 
-    def _be_careful(self, segments: Sequence[Segment]) -> None:
-        if self._tolerated is None:
+    def _adapt_to_terminations(self, segments: Sequence[Segment]) -> None:
+        if self._max_termination_rate is None:
             return
-        if np.mean([segment.terminated for segment in segments]) > self._tolerated:
-            self._caution *= SHRINK
+        if np.mean([segment.terminated for segment in segments]) > self._max_termination_rate:
+            self._safety *= SHRINK
         else:
-            self._caution = min(1.0, self._caution * RECOVER)
+            self._safety = min(1.0, self._safety * RECOVER)
 
-    def _tell_race(self, segments: Sequence[Segment]) -> dict[str, float]:
-        numbers = self._race.tell(segments)
-        self._theta = self._race.best
+    def _tell_halving(self, segments: Sequence[Segment]) -> dict[str, float]:
+        numbers = self._halving.tell(segments)
+        self._theta = self._halving.best
         self._average = self._theta.copy()
-        if self._race.over:
+        if self._halving.over:
             self._search_from = self._spent
-            self._finals.enter(self._theta)
+            self._selection.enter(self._theta)
         return numbers
 
     def _tell_finals(self, segments: Sequence[Segment]) -> dict[str, float]:
-        self._finals.tell(segments)
-        best = int(self._finals.ranking[0])
-        cost = float(self._finals.costs[:, best].mean())
-        return {"finals_best": best, "finals_best_cost": cost}
+        self._selection.tell(segments)
+        best = int(self._selection.ranking[0])
+        cost = float(self._selection.costs[:, best].mean())
+        return {"selection_best": best, "selection_best_cost": cost}
 
-    def _perturbed(self, offset: np.ndarray, lane: int) -> list[Proposal]:
+    def _perturbed(self, offset: np.ndarray, env_index: int) -> list[Proposal]:
         if not self._paired:
-            return super()._perturbed(offset, lane)
+            return super()._perturbed(offset, env_index)
         return [
-            Proposal(z=self._theta + offset, lane=lane, horizon=self._length, branch=True),
-            Proposal(z=self._theta - offset, lane=lane, horizon=self._length),
+            Proposal(
+                x=self._theta + offset, env_index=env_index, horizon=self._length, restore=True
+            ),
+            Proposal(x=self._theta - offset, env_index=env_index, horizon=self._length),
         ]
 
     def _weights(self, advantages: np.ndarray) -> np.ndarray:
@@ -176,38 +178,38 @@ class ZoacPlus(Zoac):
 
     def recommend(self) -> np.ndarray:
         """Return who leads the finals; before them, the race's leader or the average."""
-        return self._finals.best if self._finals.begun else super().recommend()
+        return self._selection.best if self._selection.begun else super().recommend()
 
     def state(self) -> dict[str, Any]:
         """Return everything that lasts between iterations."""
         return {
             **super().state(),
-            "race": self._race.state(),
-            "finals": self._finals.state(),
+            "race": self._halving.state(),
+            "finals": self._selection.state(),
             "progress": (self._spent, self._search_from, self._entered),
-            "caution": self._caution,
+            "caution": self._safety,
         }
 
     def restore(self, state: Any) -> None:
         """Put back what `state` returned."""
         super().restore(state)
-        self._race.restore(state["race"])
-        self._finals.restore(state["finals"])
+        self._halving.restore(state["race"])
+        self._selection.restore(state["finals"])
         self._spent, self._search_from, self._entered = state["progress"]
-        self._caution = state["caution"]
+        self._safety = state["caution"]
 
     def describe(self) -> dict[str, Any]:
         """Return the choices that a comparison must show."""
         choices = super().describe()
-        if self._race_share:
-            among = ", the start values take part" if self._start == "nominal" else ""
-            choices["start"] = f"race, {self._race_share:.0%} of the budget{among}"
+        if self._halving_fraction:
+            among = ", the baseline values take part" if self._start == "baseline" else ""
+            choices["start"] = f"race, {self._halving_fraction:.0%} of the budget{among}"
         if self._paired:
             choices["noise_model"] = f"paired branches; {choices['noise_model']}"
-        if self._finals_share:
-            baseline = "" if self._problem.baseline is None else " and the start values"
+        if self._selection_fraction:
+            baseline = "" if self._problem.baseline is None else " and the baseline values"
             choices["recommendation"] = (
                 f"best of {self._entries + 1}{baseline} on common held-out episodes, "
-                f"{self._finals_share:.0%} of the budget"
+                f"{self._selection_fraction:.0%} of the budget"
             )
         return choices

@@ -126,7 +126,7 @@ def solve_about(
     input_high: np.ndarray,
     *,
     nonzero: Pattern | None = None,
-    careful: bool = False,
+    robust: bool = False,
     sweeps: int = 6,
     max_active_set_steps: int = 1000,
 ) -> Solution:
@@ -172,7 +172,7 @@ def solve_about(
     data = states, inputs, a, b, reference, state_weights, input_weights
     sizes = (0,) * nx, (0,) * nu, (0,) * width, nonzero or ((0,) * (nx + nu),) * nx
     ordered = solve_lanes(
-        data, input_low, input_high, sizes, careful, sweeps, max_active_set_steps,
+        data, input_low, input_high, sizes, robust, sweeps, max_active_set_steps,
         plans, status, iterations,
     )  # fmt: skip
     if not ordered:

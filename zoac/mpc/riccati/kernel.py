@@ -145,14 +145,14 @@ def _sweep(lane: np.ndarray, at: Layout, limit: int) -> tuple[int, bool]:
 
 @kernel
 def _solve_lane(
-    lane: np.ndarray, at: Layout, careful: bool, sweeps: int, limit: int
+    lane: np.ndarray, at: Layout, robust: bool, sweeps: int, limit: int
 ) -> tuple[int, int]:
     """Solve the loaded lane; returns status and number of factorisations."""
     # Even the careful way needs one factorisation first, for the scale of the inputs.
-    used, ended = _sweep(lane, at, 1 if careful else sweeps)
+    used, ended = _sweep(lane, at, 1 if robust else sweeps)
     if used < 0:
         return _NUMERICAL_FAILURE, 0
-    if ended and not careful and certified(lane, at):
+    if ended and not robust and certified(lane, at):
         return _SOLVED, used
     count = interior_point(lane, at)
     if count < 0:
@@ -257,7 +257,7 @@ def _compile(source: str) -> Any:
         low: np.ndarray,
         high: np.ndarray,
         sizes: Any,
-        careful: bool,
+        robust: bool,
         sweeps: int,
         limit: int,
         plans: np.ndarray,
@@ -276,13 +276,13 @@ def _compile(source: str) -> Any:
         at = lane_layout(plans.shape[1], sizes[0], sizes[1], sizes[2])
         data = _flatten(problem)
         status[:] = _OPEN
-        if not careful and len(at.row) <= LARGEST:
+        if not robust and len(at.row) <= LARGEST:
             _solve_in_batches(at, sizes[3], data, low, high, sweeps, plans, status, iterations)
         remaining = np.flatnonzero(status == _OPEN)
         lane = make_lane(at) if len(remaining) else np.empty(0)
         for index in remaining:
             _load(lane, at, data, low, high, index)
-            outcome, iterations[index] = _solve_lane(lane, at, careful, sweeps, limit)
+            outcome, iterations[index] = _solve_lane(lane, at, robust, sweeps, limit)
             outcome = _explain(at, outcome, data, index, len(plans))
             usable = outcome not in (_NOT_FINITE, _NUMERICAL_FAILURE)
             _store(lane, at, low, high, usable, plans[index])

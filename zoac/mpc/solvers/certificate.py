@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from zoac.compiled import compiled
-from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
+from zoac.core.compiled import compiled
+from zoac.mpc.problem import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.scaling import units
 
 EXCESS_COST = 1e-4
@@ -72,49 +72,51 @@ def _judge(
     n, horizon, nx, nu = b.shape
     errors = np.empty((horizon, nx))
     gradient = np.empty((horizon, nu))
-    for lane in range(n):
+    for env_index in range(n):
         moved = np.zeros(nx)
         cost = 0.0
         for k in range(horizon):
             after = np.zeros(nx)
             for i in range(nx):
                 for other in range(nx):
-                    after[i] += a[lane, k, i, other] * moved[other]
+                    after[i] += a[env_index, k, i, other] * moved[other]
                 for j in range(nu):
-                    after[i] += b[lane, k, i, j] * (inputs[lane, k, j] - rollout[lane, k, j])
+                    after[i] += b[env_index, k, i, j] * (
+                        inputs[env_index, k, j] - rollout[env_index, k, j]
+                    )
             moved = after
             for i in range(nx):
-                errors[k, i] = states[lane, k + 1, i] + moved[i] - reference[lane, k, i]
-                cost += state_weights[lane, k, i] * errors[k, i] ** 2
+                errors[k, i] = states[env_index, k + 1, i] + moved[i] - reference[env_index, k, i]
+                cost += state_weights[env_index, k, i] * errors[k, i] ** 2
             for j in range(nu):
-                cost += input_weights[lane, k, j] * inputs[lane, k, j] ** 2
+                cost += input_weights[env_index, k, j] * inputs[env_index, k, j] ** 2
         excess = 0.0
         adjoint = np.zeros(nx)
         for k in range(horizon - 1, -1, -1):
             for i in range(nx):
-                adjoint[i] += 2.0 * state_weights[lane, k, i] * errors[k, i]
+                adjoint[i] += 2.0 * state_weights[env_index, k, i] * errors[k, i]
             for j in range(nu):
-                u, weight = inputs[lane, k, j], input_weights[lane, k, j]
+                u, weight = inputs[env_index, k, j], input_weights[env_index, k, j]
                 slope = 2.0 * weight * u
                 for i in range(nx):
-                    slope += b[lane, k, i, j] * adjoint[i]
+                    slope += b[env_index, k, i, j] * adjoint[i]
                 gradient[k, j] = slope
                 step = min(max(slope / (2.0 * weight), u - high[j]), u - low[j])
                 excess += step * (slope - weight * step)
             before = np.zeros(nx)
             for other in range(nx):
                 for i in range(nx):
-                    before[i] += a[lane, k, other, i] * adjoint[other]
+                    before[i] += a[env_index, k, other, i] * adjoint[other]
             adjoint = before
-        optimal[lane] = excess <= EXCESS_COST * cost < np.inf or _stands(
-            a[lane],
-            b[lane],
-            state_weights[lane],
-            input_weights[lane],
+        optimal[env_index] = excess <= EXCESS_COST * cost < np.inf or _stands(
+            a[env_index],
+            b[env_index],
+            state_weights[env_index],
+            input_weights[env_index],
             low,
             high,
-            EXCESS_INPUT * scales[lane],
-            inputs[lane],
+            EXCESS_INPUT * scales[env_index],
+            inputs[env_index],
             gradient,
         )
 

@@ -16,12 +16,12 @@ import cvxpy as cp
 import numpy as np
 import scipy.sparse as sparse
 
-from zoac.compiled import compiled
-from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
+from zoac.core.compiled import compiled
+from zoac.core.types import Count, Fraction
+from zoac.mpc.formulation import Layout, build_problem, write_parameters
+from zoac.mpc.problem import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.certificate import certified
 from zoac.mpc.solvers.scaling import Units, units
-from zoac.mpc.solvers.statement import Layout, state_problem, write_parameters
-from zoac.numbers import Count, Share
 
 _STATUS = {
     "Solved": Status.SOLVED,
@@ -36,7 +36,7 @@ iterations in closed loop and is as accurate where it ends; where it sticks, Cla
 
 
 class ClarabelSolver:
-    """The default solver: an interior-point method, one lane after the other.
+    """The default solver: an interior-point method, one environment after the other.
 
     Clarabel scales a problem when its solver object is made, and an update keeps that scaling.
     So the object is made from numbers that depend on the layout alone: what it returns does not
@@ -52,7 +52,7 @@ class ClarabelSolver:
 
     def __init__(
         self,
-        tolerance: Share = 1e-10,
+        tolerance: Fraction = 1e-10,
         max_iterations: Count = 200,
     ) -> None:
         self.tolerance = tolerance
@@ -63,7 +63,7 @@ class ClarabelSolver:
         # Clarabel's objects cannot be pickled; the copy makes its own.
         return type(self), (self.tolerance, self.max_iterations)
 
-    def solve(self, problem: LinearisedProblem, careful: bool = False) -> Solution:
+    def solve(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
         """Solve the n problems; see `Solver`."""
         layout = Layout.of(problem)
         if layout not in self._prepared:
@@ -80,24 +80,24 @@ class ClarabelSolver:
         plans = np.empty((n, nu, horizon))
         status = np.empty(n, dtype=np.int8)
         iterations = np.zeros(n, dtype=np.int64)
-        scale = units(problem, always=careful)
-        for lane, numbers in enumerate(form.data(problem, scale)):
-            for solver in self._attempts(form, numbers, prepared, careful):
+        scale = units(problem, always=robust)
+        for env_index, numbers in enumerate(form.data(problem, scale)):
+            for solver in self._attempts(form, numbers, prepared, robust):
                 answer = solver.solve()
-                iterations[lane] += answer.iterations
-                status[lane] = _STATUS.get(str(answer.status), Status.NUMERICAL_FAILURE)
-                if status[lane] == Status.SOLVED:
+                iterations[env_index] += answer.iterations
+                status[env_index] = _STATUS.get(str(answer.status), Status.NUMERICAL_FAILURE)
+                if status[env_index] == Status.SOLVED:
                     break
-            plans[lane].flat = answer.x[form.inputs]
+            plans[env_index].flat = answer.x[form.inputs]
         inputs = np.ascontiguousarray(plans.transpose(0, 2, 1)) * scale.inputs[:, None]
         np.clip(inputs, problem.input_low, problem.input_high, out=inputs)
         return certified(problem, Solution(inputs, status, iterations))
 
     def _attempts(
-        self, form: _CanonicalForm, numbers: np.ndarray, prepared: list[Any], careful: bool
+        self, form: _CanonicalForm, numbers: np.ndarray, prepared: list[Any], robust: bool
     ) -> Iterator[Any]:
         """Yield solver objects that hold `numbers`, each to be tried if the last did not do."""
-        if careful:
+        if robust:
             yield form.make_solver(numbers, self._settings(_STEP_FRACTIONS[-1], refine=True))
             return
         p, a, b = (_plain(part) for part in form.split(numbers))
@@ -131,15 +131,15 @@ class _CanonicalForm:
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
-        statement = state_problem(layout)
-        statement.dynamics.value = np.ones(layout.dynamics_size)
-        statement.weights.value = np.ones(layout.weights_size)
-        data, _, _ = statement.problem.get_problem_data(cp.CLARABEL, solver_opts={})
+        formulation = build_problem(layout)
+        formulation.dynamics.value = np.ones(layout.dynamics_size)
+        formulation.weights.value = np.ones(layout.weights_size)
+        data, _, _ = formulation.problem.get_problem_data(cp.CLARABEL, solver_opts={})
         program = data["param_prob"]
         column = program.param_id_to_col
         self._dynamics, self._weights = (
             slice(column[parameter.id], column[parameter.id] + parameter.size)
-            for parameter in (statement.dynamics, statement.weights)
+            for parameter in (formulation.dynamics, formulation.weights)
         )
         # The columns of [A | b], b last, share one sparse pattern; CVXPY's A is minus Clarabel's.
         rows, starts, (self._rows, columns) = program.reduced_A.problem_data_index
@@ -160,7 +160,7 @@ class _CanonicalForm:
             clarabel.ZeroConeT(data["dims"].zero),
             clarabel.NonnegativeConeT(data["dims"].nonneg),
         ]
-        first = program.var_id_to_col[statement.inputs.id]
+        first = program.var_id_to_col[formulation.inputs.id]
         self.inputs = slice(first, first + layout.horizon * layout.nu)
         """Where the inputs stand in x: component by component, each over the horizon."""
 
@@ -210,10 +210,10 @@ def _multiply(
     vectors: np.ndarray,
     products: np.ndarray,
 ) -> None:
-    """Write matrix (r, c) @ vectors[lane] (c,) into products[lane] (r,); the matrix is sparse."""
-    for lane in range(len(vectors)):
+    """Write matrix (r, c) @ vectors[environment] (c,) into products[environment] (r,); the matrix is sparse."""
+    for env_index in range(len(vectors)):
         for row in range(len(starts) - 1):
             total = 0.0
             for entry in range(starts[row], starts[row + 1]):
-                total += values[entry] * vectors[lane, columns[entry]]
-            products[lane, row] = total
+                total += values[entry] * vectors[env_index, columns[entry]]
+            products[env_index, row] = total

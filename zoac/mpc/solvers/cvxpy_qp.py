@@ -8,11 +8,11 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 
-from zoac.mpc.solvers.base import LinearisedProblem, Solution, Status
+from zoac.core.types import Count, Fraction
+from zoac.mpc.formulation import Formulation, Layout, build_problem, write_parameters
+from zoac.mpc.problem import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.certificate import certified
 from zoac.mpc.solvers.scaling import units
-from zoac.mpc.solvers.statement import Layout, Statement, state_problem, write_parameters
-from zoac.numbers import Count, Share
 
 _STATUS = {
     cp.OPTIMAL: Status.SOLVED,
@@ -33,42 +33,42 @@ class CvxpySolver:
 
     def __init__(
         self,
-        tolerance: Share = 1e-10,
+        tolerance: Fraction = 1e-10,
         max_iterations: Count = 200,
     ) -> None:
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        self._statements: dict[Layout, Statement] = {}
+        self._formulations: dict[Layout, Formulation] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A compiled CVXPY problem is large; the copy compiles its own.
         return type(self), (self.tolerance, self.max_iterations)
 
-    def solve(self, problem: LinearisedProblem, careful: bool = False) -> Solution:
+    def solve(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
         """Solve the n problems; see `Solver`. A careful solve allows ten times the iterations."""
         layout = Layout.of(problem)
-        if layout not in self._statements:
-            self._statements[layout] = state_problem(layout)
-        statement = self._statements[layout]
+        if layout not in self._formulations:
+            self._formulations[layout] = build_problem(layout)
+        formulation = self._formulations[layout]
         inputs = np.zeros_like(problem.inputs)
         status = np.empty(len(inputs), dtype=np.int8)
         iterations = np.zeros(len(inputs), dtype=np.int64)
         dynamics = np.empty((len(inputs), layout.dynamics_size))
         weights = np.empty((len(inputs), layout.weights_size))
-        scale = units(problem, always=careful)
+        scale = units(problem, always=robust)
         write_parameters(problem, layout, scale, dynamics, weights)
-        for lane in range(len(inputs)):
-            statement.dynamics.value = dynamics[lane]
-            statement.weights.value = weights[lane]
-            status[lane] = self._solve_one(statement.problem, careful)
-            if status[lane] != Status.NUMERICAL_FAILURE:
-                inputs[lane] = statement.inputs.value
-                iterations[lane] = statement.problem.solver_stats.num_iters
+        for env_index in range(len(inputs)):
+            formulation.dynamics.value = dynamics[env_index]
+            formulation.weights.value = weights[env_index]
+            status[env_index] = self._solve_one(formulation.problem, robust)
+            if status[env_index] != Status.NUMERICAL_FAILURE:
+                inputs[env_index] = formulation.inputs.value
+                iterations[env_index] = formulation.problem.solver_stats.num_iters
         inputs *= scale.inputs[:, None]
         np.clip(inputs, problem.input_low, problem.input_high, out=inputs)
         return certified(problem, Solution(inputs, status, iterations))
 
-    def _solve_one(self, problem: cp.Problem, careful: bool) -> Status:
+    def _solve_one(self, problem: cp.Problem, robust: bool) -> Status:
         tolerances = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), self.tolerance)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the status says it
@@ -77,7 +77,7 @@ class CvxpySolver:
                     solver=cp.CLARABEL,
                     # A warm start would keep the solver, and with it the last problem's scaling.
                     warm_start=False,
-                    max_iter=self.max_iterations * (10 if careful else 1),
+                    max_iter=self.max_iterations * (10 if robust else 1),
                     **tolerances,
                 )
             except cp.SolverError:

@@ -6,10 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from zoac.errors import ConfigError
+from zoac.core.errors import ConfigError
+from zoac.core.types import Count
+from zoac.mpc.problem import LinearisedProblem, Solution, Sparsity
 from zoac.mpc.riccati import Pattern, pattern, solve_about
-from zoac.mpc.solvers.base import LinearisedProblem, Solution, Sparsity
-from zoac.numbers import Count
 
 
 @lru_cache(maxsize=32)
@@ -20,8 +20,8 @@ def _pattern(sparsity: Sparsity) -> Pattern:
 class Riccati:
     """Solve box-constrained linear-quadratic problems of any size by Riccati recursions.
 
-    Cost grows linearly with the horizon and cubically with states and inputs. A lane's plan
-    depends on that lane's data alone, to the bit. The first solve with new numbers of states
+    Cost grows linearly with the horizon and cubically with states and inputs. An environment's plan
+    depends on that environment's data alone, to the bit. The first solve with new numbers of states
     and inputs, or a new pattern of zeros, compiles for up to half a minute; the result is kept
     on disk.
     """
@@ -41,7 +41,7 @@ class Riccati:
         self.sweeps = sweeps
         self.max_active_set_steps = max_active_set_steps
 
-    def solve(self, problem: LinearisedProblem, careful: bool = False) -> Solution:
+    def solve(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
         """Solve the n problems; see `zoac.mpc.riccati.solve_about` for what is promised.
 
         Args:
@@ -63,7 +63,7 @@ class Riccati:
                 problem.input_low,
                 problem.input_high,
                 nonzero=None if problem.sparsity is None else _pattern(problem.sparsity),
-                careful=careful,
+                robust=robust,
                 sweeps=self.sweeps,
                 max_active_set_steps=self.max_active_set_steps,
             )

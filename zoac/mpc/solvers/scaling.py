@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zoac.compiled import compiled
-from zoac.mpc.solvers.base import LinearisedProblem
+from zoac.core.compiled import compiled
+from zoac.mpc.problem import LinearisedProblem
 
 STATE_RANGE, INPUT_RANGE, COST_RANGE = 2.0**7, 2.0**10, 2.0**20
 """What is between 1 / range and range keeps its own unit."""
@@ -85,15 +85,15 @@ def _find(
     n, horizon, nx, nu = b.shape
     state_range, input_range, cost_range = ranges
     free = not np.all(boxes > 0)
-    for lane in range(n):
+    for env_index in range(n):
         reach = np.zeros((nx, nu))  # by how much one unit of each input moves each state
         early = reach
         squared = np.zeros(nu)
         for k in range(horizon if free else min(nx, horizon)):
-            moved = np.abs(b[lane, k])
+            moved = np.abs(b[env_index, k])
             for i in range(nx):
                 for other in range(nx):
-                    factor = abs(a[lane, k, i, other])
+                    factor = abs(a[env_index, k, i, other])
                     for j in range(nu):
                         moved[i, j] += factor * reach[other, j]
             reach = moved
@@ -102,37 +102,39 @@ def _find(
             if not free:
                 continue
             for j in range(nu):
-                error, curvature = 0.0, input_weights[lane, k, j]
+                error, curvature = 0.0, input_weights[env_index, k, j]
                 for i in range(nx):
-                    weight = state_weights[lane, k, i]
-                    error += weight * (rollout[lane, k + 1, i] - reference[lane, k, i]) ** 2
+                    weight = state_weights[env_index, k, i]
+                    error += (
+                        weight * (rollout[env_index, k + 1, i] - reference[env_index, k, i]) ** 2
+                    )
                     curvature += weight * reach[i, j] ** 2
                 squared[j] = max(squared[j], error / curvature)
         for j in range(nu):
-            inputs[lane, j] = boxes[j]
+            inputs[env_index, j] = boxes[j]
             if boxes[j] == 0:
-                inputs[lane, j] = 1.0
+                inputs[env_index, j] = 1.0
                 if _far(np.sqrt(squared[j]), input_range):
-                    inputs[lane, j] = _power_of_two(np.sqrt(squared[j]))
+                    inputs[env_index, j] = _power_of_two(np.sqrt(squared[j]))
         any_far = False
         for i in range(nx):
-            states[lane, i] = 0.0
+            states[env_index, i] = 0.0
             for j in range(nu):
-                states[lane, i] += early[i, j] * inputs[lane, j]
-            if states[lane, i] == 0:  # no input moves it
+                states[env_index, i] += early[i, j] * inputs[env_index, j]
+            if states[env_index, i] == 0:  # no input moves it
                 for k in range(horizon):
-                    error = abs(rollout[lane, k + 1, i] - reference[lane, k, i])
-                    states[lane, i] = max(states[lane, i], error)
-            any_far |= _far(states[lane, i], state_range)
+                    error = abs(rollout[env_index, k + 1, i] - reference[env_index, k, i])
+                    states[env_index, i] = max(states[env_index, i], error)
+            any_far |= _far(states[env_index, i], state_range)
         largest = 0.0
         for i in range(nx):
-            states[lane, i] = _power_of_two(states[lane, i]) if any_far else 1.0
+            states[env_index, i] = _power_of_two(states[env_index, i]) if any_far else 1.0
             for k in range(horizon):
-                largest = max(largest, state_weights[lane, k, i] * states[lane, i] ** 2)
+                largest = max(largest, state_weights[env_index, k, i] * states[env_index, i] ** 2)
         for j in range(nu):
             for k in range(horizon):
-                largest = max(largest, input_weights[lane, k, j] * inputs[lane, j] ** 2)
-        cost[lane] = _power_of_two(largest) if _far(largest, cost_range) else 1.0
+                largest = max(largest, input_weights[env_index, k, j] * inputs[env_index, j] ** 2)
+        cost[env_index] = _power_of_two(largest) if _far(largest, cost_range) else 1.0
 
 
 @compiled(error_model="numpy")

@@ -1,0 +1,108 @@
+"""What may be averaged and what may be compared: refusals that name the keys that differ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from zoac.analysis.data.runs import Run, variants
+from zoac.config.factory import NOTES
+from zoac.core.errors import RunFolderError
+from zoac.runs.schema import differing_keys
+
+WITHOUT_TUNING = ("budget", "num_envs", "eval_every")
+"""Keys that say nothing about a controller that was not tuned."""
+
+OF_TUNER = (
+    "tuner",
+    "trust",
+    "acceptance_test",
+    "select",
+    "initial_samples",
+    "common_random_numbers",
+)
+"""Keys in which methods may differ: who tunes, and on which terms."""
+
+
+def refuse_mixed(runs: Sequence[Run]) -> None:
+    """Check that the seeds of a method differ in no setting that moves a number but the seed.
+
+    Raises:
+        RunFolderError: If they do; the message names each key, its values and their seeds.
+    """
+    mixed = _differences([(f"seed {run.seed}", _without(_settings(run), "seed")) for run in runs])
+    if mixed:
+        raise RunFolderError(
+            f"the runs of {runs[0].method} differ in their configuration and do not go together:"
+            f"{mixed}\nset one group apart with variant=NAME, or move it to another folder"
+        )
+
+
+def refuse_unequal(runs: Sequence[Run], *, any_budget: bool = False) -> None:
+    """Check that runs about to be compared met the same problem under the same budget.
+
+    Tuners may differ, and tasks where the runs are of several; a controller that was not tuned
+    has no budget.
+
+    Args:
+        runs: The runs.
+        any_budget: Whether budgets may differ too.
+
+    Raises:
+        RunFolderError: If they differ in anything else.
+    """
+    several = len({run.method.task for run in runs}) > 1
+    named = [
+        (
+            str(run.method),
+            _without(_settings(run), "seed", *OF_TUNER, *(["task", "code"] if several else [])),
+        )
+        for run in runs
+    ]
+    mixed = _differences([(name, _without(config, *WITHOUT_TUNING)) for name, config in named])
+    mixed += _differences(
+        [
+            (name, {key: config.get(key) for key in WITHOUT_TUNING})
+            for run, (name, config) in zip(runs, named, strict=True)
+            if run.tuned and not any_budget
+        ]
+    )
+    if mixed:
+        terms = "" if any_budget else " under the same budget"
+        told = variants(run for run in runs if run.tuned)
+        hint = f"\nchoose with --variant: {', '.join(told)}" if len(told) > 1 else ""
+        raise RunFolderError(
+            f"these runs did not solve the same problem{terms} and are not compared:{mixed}{hint}"
+        )
+
+
+def _settings(run: Run) -> dict[str, Any]:
+    """Return the configuration without what is written down twice or moves nothing.
+
+    A task's wishes for tuners stand in the tuner's own keys, and the solver in the task that uses
+    it.
+    """
+    task = {key: value for key, value in run.config["task"].items() if key not in NOTES}
+    return {**_without(run.config, "mpc_solver"), "task": task}
+
+
+def _without(config: Mapping[str, Any], *keys: str) -> dict[str, Any]:
+    return {key: value for key, value in config.items() if key not in keys}
+
+
+def _differences(configs: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
+    """Return a line for each key in which named configurations differ: its values, and whose."""
+    if not configs:
+        return ""
+    changes = [(name, differing_keys(configs[0][1], config)) for name, config in configs]
+    reference = {key: pair[0] for _, change in changes for key, pair in change.items()}
+    lines = []
+    for key, first in sorted(reference.items()):
+        owners: dict[str, list[str]] = {}
+        for name, change in changes:
+            names = owners.setdefault(str(change.get(key, (first, first))[1]), [])
+            if name not in names:
+                names.append(name)
+        shown = "; ".join(f"{value} in {', '.join(names)}" for value, names in owners.items())
+        lines.append(f"\n  {key}: {shown}")
+    return "".join(lines)

@@ -1,0 +1,145 @@
+"""Run folders, read. What a run is stands in its files, never in a folder's name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from zoac.analysis import compact_format
+from zoac.analysis.data.runs import Collection, Method, Run, Skipped, order
+from zoac.core.errors import RunFolderError
+from zoac.runs.schema import (
+    METRICS,
+    RESULT,
+    RUN,
+    differing_keys,
+    is_done,
+    read_metrics,
+    read_result,
+    read_run,
+)
+
+IDENTITY = ("task", "tuner", "seed", "variant", "config_hash")
+"""Keys on which a run's files must agree."""
+
+NEEDED = {
+    RUN: (*IDENTITY, "config", "parameters", "nominal"),
+    METRICS: ("kind", "env_steps", "wall_seconds"),
+    RESULT: (*IDENTITY, "env_steps", "cost_per_episode", "parameters", "wall_seconds"),
+}
+"""Keys without which a file says too little."""
+
+
+def load(root: str | Path, *, trust_code: bool = False) -> Collection:
+    """Read every run folder below `root`, or `root` itself; skip folders that begin with a dot.
+
+    A folder that `zoac.analysis.compact` wrote is read likewise.
+
+    Args:
+        root: The folder.
+        trust_code: Whether a replay of these runs may load code that is not zoac's own.
+
+    Raises:
+        RunFolderError: If `root` is no folder, holds no run, or two folders hold the same run.
+    """
+    root = Path(root)
+    if not root.is_dir():
+        raise RunFolderError(f"no folder {str(root)!r}; expected the folder that holds the runs")
+    runs: list[Run] = []
+    skipped: list[Skipped] = []
+    if compact_format.is_compact(root):
+        runs += [Run(root / r.name, r.identity, r.metrics, r.result) for r in _compact(root)]
+    for folder in _candidates(root):
+        try:
+            runs.append(read(folder))
+        except RunFolderError as error:
+            reason = str(error).removeprefix(f"{folder}: ").removeprefix(f"{folder}/")
+            skipped.append(Skipped(folder, reason))
+    if not runs:
+        found = "".join(f"\n  {item}" for item in skipped)
+        raise RunFolderError(f"no readable run below {str(root)!r}{':' if found else ''}{found}")
+    runs = [replace(run, trusted=trust_code) for run in sorted(runs, key=order)]
+    _refuse_copies(runs)
+    return Collection(tuple(runs), tuple(skipped))
+
+
+def _compact(root: Path) -> list[compact_format.Record]:
+    try:
+        return list(compact_format.read(root))
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise RunFolderError(
+            f"{root}: its {compact_format.RUNS}, {compact_format.EVALUATIONS} and "
+            f"{compact_format.METHODS} cannot be read together ({type(error).__name__}: {error}); "
+            "write them anew with python -m zoac.analysis.compact"
+        ) from None
+
+
+def read(folder: Path) -> Run:
+    """Read one run folder.
+
+    Raises:
+        RunFolderError: If it is damaged, or its files do not belong together.
+    """
+    identity = _complete(folder, RUN, read_run(folder))
+    done = is_done(folder)
+    lines = read_metrics(folder) if done or (folder / METRICS).exists() else []
+    metrics = [_complete(folder, METRICS, line) for line in lines]
+    if not done:
+        return Run(folder, identity, metrics, None)
+    result = _complete(folder, RESULT, read_result(folder))
+    for key in IDENTITY:
+        if result.get(key) != identity.get(key):
+            raise RunFolderError(
+                f"{folder}: run.json and result.json disagree on {key}: "
+                f"{identity.get(key)!r} and {result.get(key)!r}"
+            )
+    if not (metrics and metrics[-1].get("final")):
+        raise RunFolderError(
+            f"{folder}: the run is finished, but {METRICS} does not end with its final "
+            "evaluation; the end of the file is lost"
+        )
+    return Run(folder, identity, metrics, result)
+
+
+def _complete(folder: Path, file: str, record: Any) -> dict[str, Any]:
+    missing = [key for key in NEEDED[file] if not isinstance(record, dict) or key not in record]
+    if missing:
+        raise RunFolderError(f"{folder}: {file} has a record without {', '.join(missing)}")
+    return record
+
+
+def _candidates(folder: Path) -> Iterator[Path]:
+    """Yield folders that are runs, or that look as if they should be."""
+    is_run = (folder / RUN).is_file()
+    if is_run:
+        yield folder
+    children = sorted(
+        child
+        for child in folder.iterdir()
+        if child.is_dir() and not child.name.startswith(".") and child.name != "checkpoint"
+    )
+    for child in children:
+        yield from _candidates(child)
+    if not is_run and not children:
+        files = {file.name for file in folder.iterdir()}
+        if not files or files & {METRICS, RESULT}:
+            yield folder
+
+
+def _refuse_copies(runs: Sequence[Run]) -> None:
+    seen: dict[tuple[Method, int], Run] = {}
+    for run in runs:
+        other = seen.setdefault((run.method, run.seed), run)
+        if other is run:
+            continue
+        folders = f"{run.method}, seed {run.seed}: {other.folder} and {run.folder}"
+        differences = differing_keys(other.config, run.config)
+        if not differences:
+            raise RunFolderError(f"two folders hold the same run, {folders}; move one away")
+        told = "".join(f"\n  {key}: {a!r} and {b!r}" for key, (a, b) in differences.items())
+        raise RunFolderError(
+            f"two folders hold runs of one name that are not the same run, {folders}:{told}\n"
+            "read them apart, or move one away"
+        )

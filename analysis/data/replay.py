@@ -1,0 +1,106 @@
+"""Controllers of logged runs, driven once more: for landscapes and closed-loop plots.
+
+The only part of this package that meets an environment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zoac.analysis.data.runs import Run
+from zoac.core.segments import Proposal, Segment
+from zoac.core.task import Controller, Task
+from zoac.rollout.engine import RolloutEngine
+from zoac.rollout.evaluation import evaluation_proposals
+
+if TYPE_CHECKING:
+    from zoac.envs.base import VecEnv
+
+NUM_ENVS = 256
+"""Most environments side by side."""
+
+
+def rebuild(run: Run) -> Task:
+    """Return the task that `run` tuned.
+
+    Raises:
+        RunFolderError: If it cannot be built here, or needs code and the run is not `trusted`.
+    """
+    from zoac.runs.result import task_of_run
+
+    return task_of_run(run.folder, run.config, trust_code=run.trusted)
+
+
+def demonstrate(task: Task, controllers: Sequence[Mapping[str, float]]) -> list[Segment]:
+    """Return the task's demonstration episode under each of the named parameter sets."""
+    num_envs = range(len(controllers))
+    group = RolloutEngine(_Demonstration(task), num_envs, [0] * len(controllers))
+    try:
+        return group.rollout(
+            [Proposal(task.space.normalise(controllers[k]), env_index=k) for k in num_envs]
+        )
+    finally:
+        group.close()
+
+
+def settled(task: Task, segments: Sequence[Segment]) -> int:
+    """Return the step after which no trace moves by more than 1% of its range, and some more."""
+    latest = 0
+    for trace in (trace for segment in segments for trace in task.traces(segment)):
+        moving = np.flatnonzero(np.abs(trace.y - trace.y[-1]) > 0.01 * np.ptp(trace.y))
+        latest = max(latest, int(moving[-1]) if moving.size else 0)
+    return min(round(1.1 * latest) + 10, max(segment.length for segment in segments))
+
+
+def costs(task: Task, points: np.ndarray, episodes: int, seed: int) -> np.ndarray:
+    """Return the cost of each mapped point (P, d) in each evaluation episode, (P, E)."""
+    proposals = [p for x in points for p in evaluation_proposals(x, episodes, seed)]
+    num_envs = min(NUM_ENVS, len(proposals))
+    group = RolloutEngine(task, range(num_envs), [0] * num_envs)
+    try:
+        segments = group.rollout(
+            [replace(p, env_index=k % num_envs) for k, p in enumerate(proposals)]
+        )
+    finally:
+        group.close()
+    return np.reshape([s.costs.sum() for s in segments], (len(points), episodes))
+
+
+def before(run: Run) -> dict[str, float] | None:
+    """Return the parameters from which `run` began, if they were logged."""
+    rows = run.evaluations
+    if not rows or rows[0]["env_steps"] > 0 or "parameters" not in rows[0]:
+        return None
+    return dict(rows[0]["parameters"])
+
+
+class _Demonstration(Task):
+    """A task whose every episode is its demonstration."""
+
+    def __init__(self, task: Task) -> None:
+        self.space = task.space
+        self.failure_penalty = task.failure_penalty
+        self._task = task
+
+    def make_env(self, n: int) -> VecEnv:
+        return _DemonstrationEnv(self._task.make_env(n))  # type: ignore[return-value]
+
+    def make_controller(self) -> Controller:
+        return self._task.make_controller()
+
+
+class _DemonstrationEnv:
+    """An environment that resets to its demonstration; all else is the environment's own."""
+
+    def __init__(self, env: VecEnv) -> None:
+        self._env = env
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._env, name)
+
+    def reset(self, *, options: dict[str, Any] | None = None, **rest: Any) -> Any:
+        return self._env.reset(options={**(options or {}), "demonstration": True}, **rest)

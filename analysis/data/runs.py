@@ -1,0 +1,204 @@
+"""A run, read; and what a folder of them holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from zoac.core.errors import RunFolderError, suggest
+
+
+class Method(NamedTuple):
+    """What is averaged over seeds."""
+
+    task: str
+    tuner: str
+    variant: str | None
+
+    def __str__(self) -> str:
+        variant = f" ({self.variant})" if self.variant else ""
+        return f"{self.tuner}{variant} on {self.task}"
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run folder, read.
+
+    Args:
+        folder: Where it lies.
+        identity: run.json.
+        metrics: The lines of metrics.jsonl.
+        result: result.json; None while the run is not finished.
+        trusted: Whether a replay may load code that is not zoac's own.
+    """
+
+    folder: Path
+    identity: Mapping[str, Any]
+    metrics: Sequence[Mapping[str, Any]]
+    result: Mapping[str, Any] | None
+    trusted: bool = False
+
+    @property
+    def method(self) -> Method:
+        """Task, tuner and variant."""
+        return Method(self.identity["task"], self.identity["tuner"], self.identity["variant"])
+
+    @property
+    def seed(self) -> int:
+        """The run's seed."""
+        return int(self.identity["seed"])
+
+    @property
+    def config(self) -> Mapping[str, Any]:
+        """The resolved configuration."""
+        return self.identity["config"]
+
+    @cached_property
+    def evaluations(self) -> list[Mapping[str, Any]]:
+        """Metric rows of kind "eval" taken while tuning, in order."""
+        return [row for row in self.metrics if row["kind"] == "eval" and not row.get("final")]
+
+    @property
+    def outcome(self) -> Mapping[str, Any]:
+        """result.json.
+
+        Raises:
+            RunFolderError: If the run is not finished.
+        """
+        if self.result is None:
+            raise RunFolderError(f"{self.folder}: {unfinished(self)}")
+        return self.result
+
+    @property
+    def costs(self) -> np.ndarray:
+        """Final cost of each evaluation episode, (E,); NaN where none was recorded.
+
+        Raises:
+            RunFolderError: If the run is not finished, or only its mean was kept.
+        """
+        if "cost_per_episode" not in self.outcome:
+            raise RunFolderError(
+                f"{self.folder}: only means over the episodes were kept (zoac.analysis.compact "
+                "--summary), which zoac.analysis.beyond reads; all else needs the runs themselves"
+            )
+        return np.array(self.outcome["cost_per_episode"], dtype=np.float64)
+
+    @property
+    def cost_mean(self) -> float:
+        """Mean final cost over the evaluation episodes; NaN where none was recorded."""
+        return float(np.array(self.outcome["cost_mean"], dtype=np.float64))
+
+    @property
+    def tuned(self) -> bool:
+        """Whether any environment step went into tuning."""
+        return self.outcome["env_steps"] > 0
+
+
+class Skipped(NamedTuple):
+    """A folder that was left out, and why."""
+
+    folder: Path
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.folder}: {self.reason}"
+
+
+@dataclass(frozen=True, eq=False)
+class Collection:
+    """All that lies below one folder.
+
+    Args:
+        runs: Every run that could be read, finished or not, in order of identity.
+        skipped: Folders that are empty or damaged.
+    """
+
+    runs: tuple[Run, ...]
+    skipped: tuple[Skipped, ...]
+
+    @property
+    def finished(self) -> tuple[Run, ...]:
+        """Runs that have a result."""
+        return tuple(run for run in self.runs if run.result is not None)
+
+    @property
+    def left_out(self) -> tuple[Skipped, ...]:
+        """Skipped folders and unfinished runs."""
+        waiting = (Skipped(r.folder, unfinished(r)) for r in self.runs if r.result is None)
+        return (*self.skipped, *waiting)
+
+    def some_finished(self) -> tuple[Run, ...]:
+        """Return the finished runs.
+
+        Raises:
+            RunFolderError: If there is none.
+        """
+        if not self.finished:
+            raise RunFolderError(
+                f"no finished run among {len(self.runs)}; relaunching an unfinished one resumes it"
+            )
+        return self.finished
+
+    def of_task(self, *tasks: str) -> Collection:
+        """Return the runs of the named tasks, with every skipped folder.
+
+        Raises:
+            RunFolderError: If there is none.
+        """
+        runs = tuple(run for run in self.runs if run.method.task in tasks)
+        if not runs:
+            known = {run.method.task for run in self.runs}
+            raise RunFolderError(f"no run of task {tasks[0]!r}; {suggest(tasks[0], known)}")
+        return Collection(runs, self.skipped)
+
+    def of_variant(self, variant: str) -> Collection:
+        """Return the runs of the named variant, and untuned ones, with every skipped folder.
+
+        Args:
+            variant: Its name; `WITHOUT_VARIANT`: runs that have none.
+
+        Raises:
+            RunFolderError: If there is none.
+        """
+        known = variants(self.runs)
+        if variant not in known:
+            raise RunFolderError(f"no run of variant {variant!r}; {suggest(variant, known)}")
+        runs = (r for r in self.runs if _variant(r) == variant or (r.result and not r.tuned))
+        return Collection(tuple(runs), self.skipped)
+
+
+WITHOUT_VARIANT = "none"
+"""What runs without a variant are called where variants are chosen."""
+
+
+def variants(runs: Iterable[Run]) -> list[str]:
+    """Return the variants that there are, `WITHOUT_VARIANT` among them."""
+    return sorted({_variant(run) for run in runs})
+
+
+def _variant(run: Run) -> str:
+    return run.method.variant or WITHOUT_VARIANT
+
+
+def unfinished(run: Run) -> str:
+    """Say how far an unfinished run got."""
+    steps = max((int(row["env_steps"]) for row in run.metrics), default=0)
+    return f"unfinished, {steps} of {run.config['budget']} environment steps; relaunch resumes it"
+
+
+def by_method(runs: Iterable[Run]) -> dict[Method, list[Run]]:
+    """Group runs by method, seeds in order."""
+    groups: dict[Method, list[Run]] = {}
+    for run in sorted(runs, key=order):
+        groups.setdefault(run.method, []).append(run)
+    return groups
+
+
+def order(run: Run) -> tuple[str, str, str, int]:
+    """Return what runs are sorted by."""
+    return run.method.task, run.method.tuner, run.method.variant or "", run.seed

@@ -1,0 +1,40 @@
+"""Which runs stand for a method in a figure that shows single runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from zoac.analysis.data.fairness import refuse_mixed
+from zoac.analysis.data.runs import Collection, Run, by_method
+from zoac.core.errors import RunFolderError
+
+
+def chosen(collection: Collection, tuner: str | None = None, seed: int | None = None) -> list[Run]:
+    """Return one finished run per method, tuned ones first: `seed`, or the median one in cost.
+
+    Raises:
+        RunFolderError: If there is none, or seeds of a method differ in their configuration.
+    """
+    runs = [r for r in collection.finished if tuner in (None, r.method.tuner)]
+    if seed is not None:
+        runs = [r for r in runs if r.seed == seed or not r.tuned]
+    if not runs:
+        wanted = "".join(
+            f" with {name} {value!r}" for name, value in (("tuner", tuner), ("seed", seed))
+            if value is not None
+        )  # fmt: skip
+        raise RunFolderError(f"no finished run{wanted}")
+    groups = by_method(runs).values()
+    for group in groups:
+        refuse_mixed(group)
+    return sorted(map(median_run, groups), key=_prominence)
+
+
+def median_run(runs: Sequence[Run]) -> Run:
+    """Return the run whose final cost is the (lower) median: typical, not the best."""
+    ordered = sorted(runs, key=lambda run: (run.cost_mean, run.seed))
+    return ordered[(len(ordered) - 1) // 2]
+
+
+def _prominence(run: Run) -> tuple[bool, bool, str]:
+    return not run.tuned, run.method.tuner != "zoac", str(run.method)

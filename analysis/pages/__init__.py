@@ -1,0 +1,1 @@
+"""Numbers and pages as people read them."""

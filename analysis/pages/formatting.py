@@ -1,0 +1,83 @@
+"""Numbers as a table prints them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from zoac.analysis.statistics.stats import Interval, MeanStd
+
+NOTHING = "--"
+
+
+def number(value: float, sign: bool = False) -> str:
+    """Return `value` with two or more significant digits, in plain notation where that reads."""
+    if not math.isfinite(value):
+        return NOTHING
+    plus = "+" if sign else ""
+    if value == 0 or 1e-2 <= abs(value) < 1e6:
+        return f"{value:{plus}.{_digits(value)}f}"
+    exponent = math.floor(math.log10(abs(value)))
+    return f"{value / 10.0**exponent:{plus}.1f}e{exponent}"
+
+
+def bounds(interval: Interval | None, sign: bool = False) -> str:
+    """Return "[low, high]", with digits enough to tell the two apart."""
+    if interval is None or not interval.exists:
+        return NOTHING
+    plus, digits = "+" if sign else "", _interval_digits(interval)
+    return f"[{interval.low:{plus}.{digits}f}, {interval.high:{plus}.{digits}f}]"
+
+
+def estimate(interval: Interval, sign: bool = False) -> str:
+    """Return "estimate [low, high]", or the estimate alone."""
+    if not interval.exists:
+        return number(interval.estimate, sign)
+    plus, digits = "+" if sign else "", _interval_digits(interval)
+    return f"{interval.estimate:{plus}.{digits}f} {bounds(interval, sign)}"
+
+
+def plus_minus(value: MeanStd | None) -> str:
+    """Return "41.7 ± 3.8" or "(2.9 ± 1.4)e-4", as the paper prints; no ± for one seed."""
+    if value is None:
+        return NOTHING
+    exponent = _exponent(value.mean)
+    scale = 10.0**exponent
+    if not math.isfinite(value.std):
+        return f"{value.mean / scale:.{1 if exponent else 2}f}" + (
+            f"e{exponent}" if exponent else ""
+        )
+    digits = 1 if exponent else _digits(value.mean)
+    both = f"{value.mean / scale:.{digits}f} ± {value.std / scale:.{digits}f}"
+    return f"({both})e{exponent}" if exponent else both
+
+
+def pipes(lines: Sequence[Sequence[str]]) -> str:
+    """Return header and rows as a Markdown table."""
+    header, *rows = lines
+    rule = ["---", *["---:"] * (len(header) - 1)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (header, rule, *rows))
+
+
+def without_empty_columns(lines: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Return header and rows less the columns in which no row has anything."""
+    columns = [c for c in zip(*lines, strict=True) if any(cell != NOTHING for cell in c[1:])]
+    return [list(line) for line in zip(*columns, strict=True)]
+
+
+def _exponent(value: float) -> int:
+    """Return the power of ten to take out, as the paper does for small and large numbers."""
+    if value == 0 or 1e-2 <= abs(value) < 1e4:
+        return 0
+    return math.floor(math.log10(abs(value)))
+
+
+def _digits(value: float) -> int:
+    return 0 if abs(value) >= 1000 else 1 if abs(value) >= 10 else 2
+
+
+def _interval_digits(interval: Interval) -> int:
+    """Return digits that show the estimate as usual and tell the bounds apart, six at most."""
+    width = interval.high - interval.low
+    apart = 1 - math.floor(math.log10(width)) if width > 0 else 0
+    return min(6, max(apart, _digits(interval.estimate)))

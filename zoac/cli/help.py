@@ -1,0 +1,58 @@
+"""What `python -m zoac.run --help` prints, read from the configuration itself.
+
+Hydra's own help composes every choice of every group first, which takes seconds.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import zoac.conf
+from zoac.config.compose import own_conf
+
+_TEXT = """\
+Tune a controller from its closed-loop performance.
+
+usage: python -m zoac.run [group=choice ...] [key=value ...] [-m]
+
+  python -m zoac.run task=pid_acc tuner=zoac seed=0
+  python -m zoac.run task=mpc_tracking tuner=zoac -m seed=0,1,2,3,4     a sweep
+  python -m zoac.run task=mpc_tracking tuner=bo --cfg job               show every option
+
+== Groups ==
+{groups}{own}
+
+== Keys ==
+{keys}
+
+Options of a choice are keys too: tuner.sigma=0.1, task.max_episode_steps=500, executor.workers=2.
+--hydra-help shows Hydra's own flags.
+"""
+
+
+def usage() -> str:
+    """Return the help text."""
+    folder = Path(next(iter(zoac.conf.__path__)))
+    own = own_conf()
+    of_their_own = "".join(f"\n{line}" for line in _groups(own)) if own else ""
+    _, _, rest = (folder / "run.yaml").read_text(encoding="utf-8").partition("\nseed:")
+    keys, _, _ = f"seed:{rest}".partition("\nhydra:")
+    return _TEXT.format(
+        groups="\n".join(_groups(folder)),
+        own=f"\n\n== Groups, from {own} =={of_their_own}" if of_their_own else "",
+        keys=keys.strip(),
+    )
+
+
+def _groups(folder: Path) -> list[str]:
+    """Return a line for each config group in `folder`: its name and its choices."""
+    lines = []
+    for group in sorted(path for path in folder.iterdir() if path.is_dir()):
+        if group.name == "search":  # of `zoac.search`
+            continue
+        choices = sorted(
+            p.relative_to(group).with_suffix("").as_posix() for p in group.rglob("*.yaml")
+        )
+        if choices:
+            lines.append(f"{group.name}: {', '.join(choices)}")
+    return lines

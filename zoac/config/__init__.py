@@ -1,0 +1,1 @@
+"""From text to a checked configuration, and from that to objects."""

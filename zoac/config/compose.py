@@ -1,0 +1,319 @@
+"""Composed configuration: its schema, its checks, and what is built from it.
+
+This module and `zoac.run` are the only ones that know Hydra.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from hydra import compose, initialize_config_module
+from hydra.core.config_search_path import ConfigSearchPath
+from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.plugins import Plugins
+from hydra.errors import HydraException, OverrideParseException
+from hydra.plugins.search_path_plugin import SearchPathPlugin
+from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from zoac.core.errors import ConfigError, suggest
+from zoac.runs.schema import WITHOUT_EFFECT
+
+CONFIG_MODULE = "zoac.conf"
+GROUPS = (
+    "task", "tuner", "executor", "mpc_solver", "fidelity", "logger", "launcher", "method",
+    "experiment", "search",
+)  # fmt: skip
+
+# Overrides that say which run this is; `records.WITHOUT_EFFECT` cannot change its numbers.
+NOT_A_VARIANT = ("task", "tuner", "seed", "launcher", "method", "experiment")
+
+
+NOT_OF_THE_RUN = ("hydra", "method", "experiment", "search")
+
+EXTRA_OF_LAUNCHER = {
+    "joblib": "launchers", "submitit_local": "launchers", "submitit_slurm": "launchers",
+    "ray": "ray-launcher",
+}  # fmt: skip
+
+
+class Resume(Enum):
+    """What to do when the run folder holds a run already."""
+
+    auto = "auto"
+    never = "never"
+    overwrite = "overwrite"
+
+
+@dataclass
+class EvaluationSchema:
+    """Types of `evaluation`."""
+
+    episodes: int = 10
+    final_episodes: int = 100
+    seed: int = 0
+
+
+@dataclass
+class RunSchema:
+    """Types of the top-level keys; groups are checked against what they configure."""
+
+    task: Any = MISSING
+    tuner: Any = MISSING
+    executor: Any = MISSING
+    mpc_solver: Any = MISSING
+    fidelity: Any = MISSING
+    logger: Any = MISSING
+    seed: int = 0
+    budget: int = 500_000
+    num_envs: int = 10
+    eval_every: int = 10_000
+    evaluation: EvaluationSchema = field(default_factory=EvaluationSchema)
+    checkpoint_seconds: float = 30.0
+    runs_dir: str = "runs"
+    variant: str | None = None
+    trust: float | None = None
+    acceptance_test: float | None = None
+    select: str | None = None
+    failure_penalty: float | None = None
+    initial_samples: int | None = None
+    common_random_numbers: bool | None = None
+    resume: Resume = Resume.auto
+    search: Any = None  # of `zoac.search`; no part of a run
+
+
+ConfigStore.instance().store(name="run_schema", node=RunSchema)
+
+
+class OwnConf(SearchPathPlugin):
+    """Lets Hydra find `conf/` of the current folder, behind the package's: a user's own choices."""
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        """Add the folder, if it is there."""
+        if (folder := own_conf()) is not None:
+            search_path.append("own", f"file://{folder}")
+
+
+def own_conf() -> Path | None:
+    """Return the folder `conf` below the current one, unless there is none or it is zoac's own."""
+    folder = Path.cwd() / "conf"
+    is_zoacs = (folder.parent / "zoac" / "run.py").is_file()
+    return folder if folder.is_dir() and not is_zoacs else None
+
+
+def know_own_conf() -> None:
+    """Make Hydra ask `OwnConf` from now on."""
+    Plugins.instance().register(OwnConf)
+
+
+def compose_config(overrides: Sequence[str]) -> DictConfig:
+    """Compose the configuration from Hydra overrides, as the command line does.
+
+    Raises:
+        ConfigError: If an override names nothing, or has a value of the wrong type.
+    """
+    overrides = with_whole_steps(overrides)
+    check_overrides(overrides)
+    try:
+        with _hydra():
+            return compose("run", overrides=list(overrides), return_hydra_config=True)
+    except Exception as error:  # Hydra answers some odd overrides with a ValueError, say
+        raise ConfigError(explain(error, overrides)) from error
+
+
+@contextmanager
+def _hydra() -> Iterator[GlobalHydra]:
+    """Yield Hydra ready to compose this package's configuration; whose it was has it back."""
+    with _ONE_AT_A_TIME:
+        hydra = GlobalHydra.instance()
+        earlier, hydra.hydra = hydra.hydra, None
+        try:
+            know_own_conf()
+            with initialize_config_module(CONFIG_MODULE, version_base="1.3"):
+                yield GlobalHydra.instance()
+        finally:
+            GlobalHydra.instance().hydra = earlier
+
+
+_ONE_AT_A_TIME = threading.RLock()  # Hydra is one object per process
+
+
+def with_whole_steps(overrides: Sequence[str]) -> list[str]:
+    """Return the overrides with numbers of steps such as 5e4 written out, as their type wants."""
+    return [_STEPS.sub(_written_out, text) for text in overrides]
+
+
+_STEPS = re.compile(r"(?<=[=,])\d+(?:\.\d+)?[eE]\+?\d+(?=,|$)")
+_COUNTS_STEPS = re.compile(r"\+*(budget|eval_every)=")
+
+
+def _written_out(found: re.Match[str]) -> str:
+    number = float(found[0])
+    # Beyond 1e15 not every whole number is one of these, and nobody means it.
+    counts = _COUNTS_STEPS.match(found.string) and number.is_integer() and number <= 1e15
+    return str(int(number)) if counts else found[0]
+
+
+def check_overrides(overrides: Sequence[str]) -> None:
+    """Refuse overrides that Hydra would answer with a traceback.
+
+    Raises:
+        ConfigError: If one names no key, or gives a group what is no name of a choice.
+    """
+    parser = OverridesParser.create()
+    for text in overrides:
+        try:
+            (override,) = parser.parse_overrides([text])
+        except HydraException as error:
+            raise ConfigError(explain(error, overrides)) from error
+        key = override.key_or_group
+        group = key in GROUPS or key.startswith("hydra/")
+        if not key or key != key.strip("."):
+            raise ConfigError(
+                f"cannot read the override {text!r}: there is no key; write key=value"
+            )
+        if not group or override.is_delete() or override.is_sweep_override():
+            continue
+        value = override.value()
+        names = value if isinstance(value, list) else [value]
+        if not all(isinstance(name, str) for name in names) and not (
+            value is None and key in ("method", "experiment", "search")
+        ):
+            raise ConfigError(
+                f"{text}: expected the name of a {key}; {suggest(str(value), _choices(key))}"
+            )
+        if isinstance(value, list) and key != "logger":
+            raise ConfigError(
+                f"{text}: expected one {key}; to run several, one after the other: "
+                f"-m {key}={','.join(map(str, value))}"
+            )
+
+
+def explain(error: Exception, overrides: Sequence[str]) -> str:
+    """Return what Hydra complains about as one message, with the nearest valid choice."""
+    cause: BaseException = error
+    while cause.__cause__ is not None:
+        cause = cause.__cause__
+    lines = [line.strip() for e in (error, cause) for line in str(e).splitlines()]
+    text = "\n".join(dict.fromkeys(line for line in lines if line and not _internal(line)))
+    if isinstance(error, OverrideParseException):
+        return f"cannot read the override {error.override!r}: {text}; write key=value"
+    if found := re.search(r"override (.*)\n.* is not a subclass of EvaluationSchema", text):
+        return f"{found[1]}: expected a group of keys; {_siblings('evaluation.', overrides)}"
+    if found := re.search(r"Value (.*) of type '.*' could not be converted to (\w+)", text):
+        kind = {"Integer": "a whole number (Integer)", "Float": "a number"}.get(found[2], found[2])
+        written = re.search(r"Error merging override (.*)", text)
+        return f"{written[1] if written else found[1]}: expected {kind}, got {found[1]}"
+    if found := re.search(r"override (.*)\nValue '(.*)' is not a valid bool", text):
+        return f"{found[1]}: expected true or false, got {found[2]!r}"
+    if found := re.search(r"override ~(.*)\n.*does not support deletion", text):
+        return f"~{found[1]}: this key is needed; give it a value instead: {found[1]}=<value>"
+    if found := re.search(r"Missing mandatory value: (\w+)", text):
+        return f"{found[1]}: a value is needed; {suggest('', _choices(found[1]))}"
+    if "nterpolation" in text and (place := getattr(cause, "full_key", None)):
+        return f"{place}: {text}"
+    for launcher, extra in EXTRA_OF_LAUNCHER.items():
+        if f"Could not find 'hydra/launcher/{launcher}'" in text:
+            return f"the launcher {launcher} is not installed: pip install 'zoac[{extra}]'"
+    for override in overrides:
+        key = override.lstrip("+~").partition("=")[0]
+        if f"override '{key}'" in text and "To append to your config" in text:
+            return f"unknown key {key!r} in {override!r}; {_siblings(key, overrides)}"
+    if found := re.search(r"Could not (?:find|load) '(?:hydra/)?(\w+)/(\S*)'", text):
+        group = found[0].split("'")[1].removesuffix(f"/{found[2]}")
+        return f"unknown {group} {found[2]!r}; {suggest(found[2], _choices(group))}"
+    return text
+
+
+def _internal(line: str) -> bool:
+    return line.startswith(
+        ("full_key:", "object_type=", "reference_type=", "See https://", "LexerNoViable")
+    )
+
+
+def _siblings(key: str, overrides: Sequence[str]) -> str:
+    """Return the hint that lists what stands beside `key` where the same choices are made."""
+    parent, _, name = key.rpartition(".")
+    pairs = [text.partition("=") for text in overrides]
+    choices = [f"{group}={_first_of(value)}" for group, _, value in pairs if group in GROUPS]
+    try:
+        with _hydra():
+            config = compose("run", overrides=choices, return_hydra_config=True)
+    except Exception:  # a choice may be wrong as well, in any of the ways that Hydra knows
+        return "see --help"
+    node = OmegaConf.select(config, parent) if parent else config
+    if node is None and "." in parent:  # what is unknown stands further up
+        return _siblings(parent, overrides)
+    names = [str(name) for name in node] if isinstance(node, DictConfig) else []
+    known = [name for name in names if name[0] != "_" and name not in NOT_OF_THE_RUN]
+    prefix = f"{parent}." if parent else ""
+    if parent in GROUPS and not known:
+        chosen = config.hydra.runtime.choices[parent]
+        return f"{parent}={chosen} has no keys; choices: {', '.join(_choices(parent))}"
+    return suggest(prefix + name, [f"{prefix}{name}" for name in known])
+
+
+def _first_of(value: str) -> str:
+    """Return the first of the values that a sweep goes through."""
+    return value.partition(",")[0]
+
+
+def _choices(group: str) -> list[str]:
+    """Return the names of the YAML files of a config group, wherever Hydra finds them."""
+    with _hydra() as hydra:
+        return hydra.config_loader().get_group_options(group)
+
+
+def resolved(config: DictConfig) -> dict[str, Any]:
+    """Return the configuration as plain Python, interpolations resolved, without Hydra's own part.
+
+    Raises:
+        ConfigError: If a value is missing or an interpolation leads nowhere.
+    """
+    try:
+        plain = OmegaConf.to_container(
+            OmegaConf.masked_copy(config, [k for k in map(str, config) if k not in NOT_OF_THE_RUN]),
+            resolve=True,
+            throw_on_missing=True,
+            enum_to_str=True,
+        )
+    except OmegaConfBaseException as error:
+        raise ConfigError(explain(error, [])) from error
+    assert isinstance(plain, dict)
+    _check_keys(plain, RunSchema, "")
+    _check_keys(plain["evaluation"], EvaluationSchema, "evaluation.")
+    return {str(key): value for key, value in plain.items()}
+
+
+def _check_keys(given: Any, schema: type, prefix: str) -> None:
+    """See that a schema's keys are there and no others, which `+key=value` and `~key` can undo."""
+    known = [f.name for f in fields(schema) if f.name not in NOT_OF_THE_RUN]
+    if not isinstance(given, Mapping):
+        raise ConfigError(f"{prefix[:-1]}={given!r}: expected the keys {', '.join(known)}")
+    for key in given:
+        if key not in known:
+            raise ConfigError(f"unknown key '{prefix}{key}'; {suggest(str(key), known)}")
+    for key in known:
+        if key not in given:
+            raise ConfigError(f"{prefix}{key}: a value is needed")
+
+
+def variant_of(config: Mapping[str, Any], overrides: Sequence[str]) -> str | None:
+    """Return the run's variant: as given, or what the overrides change beyond its identity."""
+    if config["variant"] is not None:
+        return str(config["variant"])
+    named = []
+    for override in sorted(overrides):
+        key = override.lstrip("+~").partition("=")[0].partition("@")[0]
+        if key not in NOT_A_VARIANT and key.partition(".")[0] not in WITHOUT_EFFECT:
+            named.append(override.lstrip("+~"))
+    return ",".join(named).replace("/", "-") or None

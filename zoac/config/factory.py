@@ -1,0 +1,171 @@
+"""From a checked configuration to the objects of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from zoac.config.validate import TARGET, check_arguments, check_node, locate
+from zoac.core.errors import ConfigError
+from zoac.core.task import Task
+from zoac.core.tuner import Problem, Tuner
+from zoac.executors.base import Executor
+from zoac.runs.log import Logger
+from zoac.strategies.acceptance_test import AcceptanceTest, trusted
+from zoac.strategies.best_evaluated import SELECTION_FRACTION, BestEvaluated
+from zoac.strategies.held_out import search_budget
+from zoac.strategies.initial_design import CommonRandomNumbers, InitialDesign
+from zoac.training.trainer import Settings
+
+# Notes for other parts of the configuration, not arguments of the task.
+NOTES = ("tuned_for",)
+
+
+def build(node: Mapping[str, Any], where: str, expected: Any, **provided: Any) -> Any:
+    """Check a config node against its `_target_` and call that, inner nodes first.
+
+    Args:
+        node: The node, resolved, as plain Python.
+        where: Its name in the config.
+        expected: What it must make: a class or a protocol.
+        provided: Arguments of the target beside those in the node.
+
+    Raises:
+        ConfigError: Naming every fault of the node, or a target that makes something else.
+    """
+    node = {k: v for k, v in node.items() if k not in NOTES}
+    check_node(node, where, tuple(provided), expected)
+    return _call(node, where, provided)
+
+
+def _call(node: Mapping[str, Any], where: str, provided: Mapping[str, Any]) -> Any:
+    arguments = {
+        name: _call(value, f"{where}.{name}", {})
+        if isinstance(value, Mapping) and TARGET in value
+        else value
+        for name, value in node.items()
+        if not name.startswith("_")
+    }
+    return locate(node[TARGET], f"{where}.{TARGET}")(**arguments, **provided)
+
+
+def build_task(config: Mapping[str, Any]) -> Task:
+    """Return the task of a resolved configuration."""
+    task = build(config["task"], "task", Task)
+    if (penalty := config.get("failure_penalty")) is not None:
+        task.failure_penalty = penalty
+    return task
+
+
+def build_settings(config: Mapping[str, Any]) -> Settings:
+    """Return the trainer's settings of a resolved configuration."""
+    evaluation = config["evaluation"]
+    top = {k: config[k] for k in ("seed", "budget", "num_envs", "eval_every", "checkpoint_seconds")}
+    top |= {
+        k: config[k]
+        for k in (
+            "trust",
+            "acceptance_test",
+            "select",
+            "failure_penalty",
+            "initial_samples",
+            "common_random_numbers",
+        )
+        if config.get(k) is not None
+    }
+    check_arguments(Settings, top, "")
+    inner = {
+        "episodes": evaluation["episodes"],
+        "final_episodes": evaluation["final_episodes"],
+        "evaluation_seed": evaluation["seed"],
+    }
+    check_arguments(Settings, inner, "evaluation")
+    return Settings(**top, **inner)
+
+
+def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tuner:
+    """Return the tuner of the config node `tuner`, for `task`."""
+    env = task.make_env(1)
+    shape = env.single_observation_space.shape
+    assert shape is not None
+    baseline = None if task.baseline is None else task.space.normalise(task.baseline)
+    whole = Problem(
+        space=task.space,
+        observation_size=shape[0],
+        num_envs=settings.num_envs,
+        budget=settings.budget,
+        max_episode_steps=task.horizon.steps,
+        seed=settings.seed,
+        start=baseline,
+        supports_snapshots=task.restore_fault is None,
+        baseline=baseline,
+    )
+    env.close()
+    if settings.trust is not None:
+        node = trusted(node, settings.trust)
+    return _tested(node, whole, settings)
+
+
+def _tested(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
+    """Return the tuner, its answer tested against the baseline values if that is asked for."""
+    if settings.acceptance_test is None:
+        return _selected(node, problem, settings)
+    left = replace(problem, budget=search_budget(problem.budget, settings.acceptance_test))
+    return AcceptanceTest(_selected(node, left, settings), problem, settings.acceptance_test)
+
+
+def _selected(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
+    """Return the tuner, its answer the best of those evaluated if that is asked for."""
+    if settings.select != "best_evaluated":
+        return _on_terms(node, problem, settings)
+    left = replace(problem, budget=search_budget(problem.budget, SELECTION_FRACTION))
+    return BestEvaluated(_on_terms(node, left, settings), problem, settings.eval_every)
+
+
+def baseline_use(node: Mapping[str, Any], task: Task, settings: Settings) -> dict[str, str]:
+    """Return what a run does with the baseline values, for its first lines; {} if there are none.
+
+    Args:
+        node: The tuner's config node.
+        task: What is tuned.
+        settings: Of the run.
+    """
+    if task.baseline is None:
+        return {}
+    begins = settings.trust is not None or node.get("start") == "baseline"
+    if not begins or settings.initial_samples is not None:
+        told = "only compared, the search does not begin there"
+        more = "; tuner.start=baseline does" if "start" in node else ""
+    else:
+        told = "the search begins there"
+        raced = settings.trust is None and node.get("halving_fraction")
+        more = ", if they win the race against random points" if raced else ""
+    return {"baseline values": told + more}
+
+
+def _on_terms(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
+    """Return the tuner, with a scouted start and common episodes if they are asked for."""
+    if settings.initial_samples is None:
+        tuner: Tuner = build(node, "tuner", Tuner, problem=problem)
+    else:
+        if "start" not in node or settings.trust is not None:
+            why = "trust gives one" if settings.trust is not None else "this tuner takes none"
+            raise ConfigError(
+                f"initial_samples={settings.initial_samples}: it looks for a start, and {why}"
+            )
+        node = {**node, "start": "baseline"}
+        tuner = InitialDesign(
+            problem, settings.initial_samples, lambda p: build(node, "tuner", Tuner, problem=p)
+        )
+    return CommonRandomNumbers(tuner, settings.seed) if settings.common_random_numbers else tuner
+
+
+def build_executor(config: Mapping[str, Any]) -> Executor:
+    """Return the executor of a resolved configuration, not yet started."""
+    return build(config["executor"], "executor", Executor)
+
+
+def build_loggers(config: Mapping[str, Any]) -> list[Logger]:
+    """Return the mirrors of a resolved configuration."""
+    return [build(node, f"logger.{name}", Logger) for name, node in config["logger"].items()]

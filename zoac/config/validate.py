@@ -1,0 +1,275 @@
+"""Configuration values against the signature of what they configure.
+
+A constructor's type hints, with bounds as `Annotated[float, Field(gt=0)]`, are the schema of its
+YAML file: there is no second list to keep in step, and a user's own class is checked alike.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import inspect
+import math
+import re
+import sys
+import traceback
+import types
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+from pydantic import (
+    ConfigDict,
+    PydanticSchemaGenerationError,
+    PydanticUserError,
+    TypeAdapter,
+    ValidationError,
+)
+
+from zoac.core.errors import ConfigError, suggest
+
+TARGET = "_target_"
+
+
+def locate(path: str, where: str) -> Callable[..., Any]:
+    """Return the class or function of a dotted path, such as a `_target_`.
+
+    Args:
+        path: "package.module.Name".
+        where: The key that names it, for messages.
+
+    Raises:
+        ConfigError: If it cannot be imported or has no such name.
+    """
+    module_name, _, name = path.rpartition(".")
+    try:
+        module = importlib.import_module(module_name)
+    except ValueError:
+        raise ConfigError(f"{where}: expected a dotted path, got {path!r}") from None
+    except ConfigError:  # says by itself what it needs
+        raise
+    except Exception as error:  # whatever a user's own module raises while it is imported
+        hint = _import_hint(module_name, error)
+        raise ConfigError(f"{where}: cannot import {path!r}: {hint}") from error
+    if not hasattr(module, name):
+        names = [n for n, v in vars(module).items() if callable(v)]
+        raise ConfigError(f"{where}: no {name!r} in {module_name}; {suggest(name, names)}")
+    return getattr(module, name)
+
+
+def _import_hint(module: str, error: Exception) -> str:
+    """Say why a module could not be imported, and what to do."""
+    missing = error.name if isinstance(error, ModuleNotFoundError) else None
+    if missing is None or not f"{module}.".startswith(f"{missing}."):
+        steps = traceback.extract_tb(error.__traceback__)
+        place = f" ({steps[-1].filename}, line {steps[-1].lineno})" if steps else ""
+        return f"importing {module} raised {type(error).__name__}: {error}{place}"
+    here = Path.cwd()
+    top = module.partition(".")[0]
+    modules = {p.stem for p in here.glob("*.py")} | {p.parent.name for p in here.glob("*/*.py")}
+    return (
+        f"there is no module {missing!r}; run from the folder that holds {top}.py or {top}/, or "
+        f"name that folder in PYTHONPATH. In {here}: {suggest(top, modules)}"
+    )
+
+
+def check_target(target: Any, expected: Any, where: str) -> None:
+    """See that calling `target` can only make what its place takes; nothing is called.
+
+    Args:
+        target: What a `_target_` names.
+        expected: A type hint: a class, a protocol, or several. Anything is expected by `Any`, but
+            nothing of Python itself.
+        where: The key that names it, for messages.
+
+    Raises:
+        ConfigError: If it is neither a class of that kind nor a function annotated to return one.
+    """
+    kinds = [h for h in _alternatives(expected) if inspect.isclass(h) and h is not Any]
+    made = target if inspect.isclass(target) else _hints(target).get("return")
+    if (
+        isinstance(target, type | types.FunctionType | functools.partial)
+        and inspect.isclass(made)
+        and not of_python(target)
+        and (not kinds or any(_is_kind(made, kind) for kind in kinds))
+    ):
+        return
+    names = " or ".join(kind.__name__ for kind in kinds) or "an object"
+    raise ConfigError(
+        f"{where}: expected a class of kind {names}, or a function annotated to return one "
+        f"(def make() -> {names.partition(' or ')[0]}), got {_named(target)}"
+    )
+
+
+def check_code(thing: Any, where: str) -> None:
+    """See that code that a configuration names is not of Python itself.
+
+    Raises:
+        ConfigError: If it is, such as `os.system`.
+    """
+    if of_python(thing):
+        raise ConfigError(
+            f"{where}: {_named(thing)} is a part of Python; expected code of your own or of zoac"
+        )
+
+
+def of_python(thing: Any) -> bool:
+    """Tell whether a function or class belongs to Python or its standard library."""
+    top = str(getattr(inspect.unwrap(thing) if callable(thing) else thing, "__module__", ""))
+    return isinstance(thing, types.BuiltinFunctionType | types.ModuleType) or (
+        (inspect.isclass(thing) or inspect.isfunction(thing))
+        and top.partition(".")[0] in {*sys.stdlib_module_names} - {"__main__"}
+    )
+
+
+def _alternatives(hint: Any) -> tuple[Any, ...]:
+    """Return the members of a union, or the hint alone; of `Annotated` what it annotates."""
+    if hasattr(hint, "__metadata__"):
+        return _alternatives(hint.__origin__)
+    if get_origin(hint) in (Union, types.UnionType):
+        return tuple(kind for member in get_args(hint) for kind in _alternatives(member))
+    return (hint,)
+
+
+def _is_kind(made: type, kind: type) -> bool:
+    if getattr(kind, "_is_protocol", False):
+        return all(hasattr(made, name) for name in vars(kind) if callable(vars(kind)[name])
+                   and not name.startswith("_"))  # fmt: skip
+    return issubclass(made, kind)
+
+
+def _named(thing: Any) -> str:
+    module, name = getattr(thing, "__module__", None), getattr(thing, "__qualname__", None)
+    return f"{module}.{name}" if module and name else repr(thing)
+
+
+def check_node(
+    node: Mapping[str, Any], where: str, provided: tuple[str, ...] = (), expected: Any = Any
+) -> None:
+    """Check a config node with a `_target_`, and those inside it.
+
+    Args:
+        node: The node, resolved, as plain Python.
+        where: Its name in the config, for messages.
+        provided: Arguments that the caller will add.
+        expected: A type hint of what the node makes.
+
+    Raises:
+        ConfigError: Naming every fault at once.
+    """
+    if TARGET not in node:
+        raise ConfigError(f"{where}: there is no _target_, the class that this node configures")
+    if not isinstance(node[TARGET], str):
+        raise ConfigError(f"{where}.{TARGET}: expected a dotted path, got {node[TARGET]!r}")
+    target = locate(node[TARGET], f"{where}.{TARGET}")
+    check_target(target, expected, f"{where}.{TARGET}")
+    _, hints = _signature(target)
+    for name, value in node.items():
+        if isinstance(value, Mapping) and TARGET in value:
+            check_node(value, f"{where}.{name}", expected=hints.get(name, Any))
+    given = {k: v for k, v in node.items() if not k.startswith("_")}
+    check_arguments(target, given, where, provided)
+
+
+def check_arguments(
+    target: Callable[..., Any],
+    given: Mapping[str, Any],
+    where: str,
+    provided: tuple[str, ...] = (),
+) -> None:
+    """Check keyword arguments against the signature of `target`.
+
+    Raises:
+        ConfigError: If one is unknown, missing, of the wrong type or out of its bounds.
+    """
+    parameters, hints = _signature(target)
+    accepted = {n: p for n, p in parameters.items() if n not in provided}
+    open_ended = any(p.kind is p.VAR_KEYWORD for p in accepted.values())
+    faults = []
+    for name, value in given.items():
+        if name not in accepted:
+            if not open_ended:
+                faults.append(f"{where}: unknown key {name!r}; {suggest(name, accepted)}")
+        elif not (isinstance(value, Mapping) and TARGET in value):
+            key = f"{where}.{name}" if where else name
+            faults.extend(_faults(value, hints.get(name, Any), key))
+    needed = (
+        n
+        for n, p in accepted.items()
+        if p.default is p.empty and p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)
+    )
+    faults.extend(f"{where}.{name}: a value is needed" for name in needed if name not in given)
+    if faults:
+        raise ConfigError("\n".join(faults))
+
+
+def _signature(target: Callable[..., Any]) -> tuple[dict[str, inspect.Parameter], dict[str, Any]]:
+    """Return parameters and type hints; `**options` stands for those of the next base class."""
+    if not inspect.isclass(target) or hasattr(target, "__dataclass_fields__"):
+        return dict(inspect.signature(target).parameters), _hints(target)
+    parameters: dict[str, inspect.Parameter] = {}
+    hints: dict[str, Any] = {}
+    for base in target.__mro__:
+        if "__init__" not in vars(base):
+            continue
+        own = dict(inspect.signature(base).parameters)
+        inherited = [n for n, p in own.items() if p.kind is p.VAR_KEYWORD]
+        parameters = {**own, **parameters}
+        hints = {**_hints(vars(base)["__init__"]), **hints}
+        if not inherited or base.__mro__[1] is object:
+            break
+        del parameters[inherited[0]]
+    return parameters, hints
+
+
+def _hints(target: Any) -> dict[str, Any]:
+    try:
+        return get_type_hints(target, include_extras=True)
+    except NameError:  # a hint imported for type checkers only: nothing to check against
+        return {}
+
+
+def _faults(value: Any, hint: Any, where: str) -> list[str]:
+    """Return what is wrong with `value` as a `hint`, one message each."""
+    if isinstance(value, float) and not math.isfinite(value):
+        named = "NaN" if math.isnan(value) else f"{value}"
+        return [f"{where}: {named} is not a value; expected a finite number"]
+    if isinstance(value, list):
+        odd = [f for i, v in enumerate(value) if isinstance(v, float) and not math.isfinite(v)
+               for f in _faults(v, Any, f"{where}[{i}]")]  # fmt: skip
+        if odd:
+            return odd
+    try:
+        adapter = TypeAdapter(hint, config=ConfigDict(arbitrary_types_allowed=True))
+    except PydanticSchemaGenerationError:
+        return []
+    except Exception:  # types that bring their own configuration take none
+        adapter = TypeAdapter(hint)
+    try:
+        adapter.validate_python(value, strict=True)
+    except ValidationError as error:
+        return [
+            f"{where}{''.join(f'[{part}]' for part in e['loc'] if isinstance(part, int))}"
+            f"={_short(e['input'])}: {e['msg'][0].lower()}{e['msg'][1:]}{_nearest(e)}"
+            for e in error.errors()
+        ]
+    except PydanticUserError:  # a hint whose parts are imported for type checkers only
+        return []
+    return []
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _nearest(error: Any) -> str:
+    """Return the choice that is nearest to what was written, as a clause, if there is one."""
+    if error["type"] == "is_instance_of" and error["ctx"]["class"] == "Sequence":
+        return ", a list such as [64,64]"
+    if error["type"] != "literal_error":
+        return ""
+    choices = re.findall(r"'([^']*)'", error["ctx"]["expected"])
+    close = get_close_matches(str(error["input"]), choices, n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""

@@ -1,0 +1,1 @@
+"""Controllers that come with zoac, and wrappers around a user's own."""

@@ -1,0 +1,177 @@
+"""A user's own controller, whatever form it has, as a `zoac.core.task.Controller`."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from zoac.controllers.live_controller import LiveController
+from zoac.core.errors import ConfigError
+from zoac.core.parameters import ParameterSpace
+from zoac.core.task import Controller, Diagnostics, Memory, Parameters
+
+
+def as_controller(given: Any, fixed: Mapping[str, float], space: ParameterSpace) -> Controller:
+    """Return the controller that a user gives.
+
+    Args:
+        given: A function `act(params, obs)`; an object with such a method; a batched `Controller`,
+            whose `act(params, obs, memory)` takes three arguments; a class of either; or a function
+            without arguments that makes any of these.
+        fixed: Parameters that are not tuned, handed on with the others.
+        space: Of the tuned ones.
+
+    Raises:
+        ConfigError: If it is none of these.
+    """
+    made = given
+    makes = inspect.isclass(given) or _makes(given)
+    if makes:
+        try:
+            made = given()
+        except Exception as error:  # whatever a user's constructor raises
+            raise ConfigError(
+                f"controller: calling {_name(given)} without arguments raised "
+                f"{type(error).__name__}: {error}; give an object, or a function without arguments "
+                "that makes one"
+            ) from error
+    act = getattr(made, "act", made)
+    if not callable(act):
+        raise ConfigError(
+            f"controller={given!r}: expected a function act(params, obs), an object with a method "
+            f"of that name, or what makes one{f', got {made!r} from it' if makes else ''}"
+        )
+    if not _takes(act, 2):
+        if _takes(act, 3) and hasattr(made, "init"):
+            return WithFixed(made, fixed) if fixed else made
+        raise ConfigError(
+            f"controller: {_name(act)}{_signature(act)} cannot be called as act(params, obs); a "
+            "batched controller has act(params, obs, memory) and init(n)"
+        )
+    if act is made:
+        return ScalarController(made, fixed, space)
+    return ScalarController(given if makes else Copies(given), fixed, space, remembers=True)
+
+
+def _makes(given: Any) -> bool:
+    """Tell whether something is a function without arguments that makes a controller."""
+    return (
+        callable(given) and not hasattr(given, "act") and _takes(given, 0) and not _takes(given, 2)
+    )
+
+
+def _takes(function: Callable[..., Any], count: int) -> bool:
+    """Tell whether a function can be called with `count` arguments; True where nothing tells."""
+    signature = _signature(function)
+    try:
+        return not isinstance(signature, inspect.Signature) or bool(signature.bind(*range(count)))
+    except TypeError:
+        return False
+
+
+def _signature(function: Callable[..., Any]) -> inspect.Signature | str:
+    try:
+        return inspect.signature(function)
+    except (TypeError, ValueError):  # of C, say
+        return ""
+
+
+def _name(thing: Any) -> str:
+    return getattr(thing, "__qualname__", type(thing).__qualname__)
+
+
+class Copies:
+    """Makes copies of a controller object, one for each environment."""
+
+    def __init__(self, original: Any) -> None:
+        self._original = original
+
+    def __call__(self) -> Any:
+        """Return a copy.
+
+        Raises:
+            ConfigError: If it cannot be copied.
+        """
+        try:
+            return copy.deepcopy(self._original)
+        except Exception as error:  # whatever a user's object raises when it is copied
+            raise ConfigError(
+                f"the controller, a {_name(type(self._original))}, cannot be copied "
+                f"({type(error).__name__}: {error}), and each environment needs one of its own: "
+                "give its class, or a function without arguments that makes one"
+            ) from error
+
+
+class ScalarController:
+    """`act(params, obs)` for one environment, as a `Controller`."""
+
+    def __init__(
+        self,
+        controller: Callable[..., Any],
+        fixed: Mapping[str, float],
+        space: ParameterSpace | None = None,
+        remembers: bool = False,
+    ) -> None:
+        """
+        Args:
+            controller: A function `act(params, obs)`, where params is {name: number} and obs (o,);
+                returns a number or an array (m,).
+            fixed: Parameters that are not tuned, handed on with the others.
+            space: Of the tuned ones, so that whole numbers come as int and options as such.
+            remembers: `controller` makes an object with such a method; see `LiveController`.
+        """
+        self._controller, self._remembers = controller, remembers
+        self._plain = {p.name: p.plain for p in space.parameters} if space is not None else {}
+        self._fixed = dict(fixed)
+
+    def init(self, n: int) -> Memory:
+        """Return an object for each environment, if it may remember."""
+        if not self._remembers:
+            return {}
+        live = np.empty(n, dtype=object)
+        live[:] = [LiveController(self._controller) for _ in range(n)]
+        return {"controller": live}
+
+    def act(
+        self, params: Parameters, obs: np.ndarray, memory: Memory
+    ) -> tuple[np.ndarray, Memory, Diagnostics]:
+        """See `Controller.act`; but objects in `memory` change in place."""
+        actions = []
+        for env_index in range(len(obs)):
+            values = {
+                name: self._plain.get(name, float)(value[env_index])
+                for name, value in params.items()
+            }
+            act = memory["controller"][env_index].act if self._remembers else self._controller
+            action = act({**values, **self._fixed}, obs[env_index].copy())
+            if action is None:
+                raise TypeError("act returned None, expected a number or an array")
+            actions.append(np.atleast_1d(np.asarray(action, dtype=np.float64)).reshape(-1))
+        return np.stack(actions), memory, {}
+
+
+class WithFixed:
+    """A batched `Controller` that gets parameters beside the tuned ones, alike in every environment."""
+
+    def __init__(self, controller: Controller, fixed: Mapping[str, float]) -> None:
+        """
+        Args:
+            controller: The controller.
+            fixed: What it gets, by name.
+        """
+        self._controller, self._fixed = controller, dict(fixed)
+
+    def init(self, n: int) -> Memory:
+        """See `Controller.init`."""
+        return self._controller.init(n)
+
+    def act(
+        self, params: Parameters, obs: np.ndarray, memory: Memory
+    ) -> tuple[np.ndarray, Memory, Diagnostics]:
+        """See `Controller.act`."""
+        fixed = {name: np.full(len(obs), value) for name, value in self._fixed.items()}
+        return self._controller.act({**params, **fixed}, obs, memory)

@@ -1,0 +1,69 @@
+"""Errors meant for the person at the keyboard.
+
+The command line prints any `ZoacError` as one message, without a traceback, and exits with
+code 1. Every message says what was wrong, what was expected and, where there is one, the
+nearest valid choice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class ZoacError(Exception):
+    """Something the user can mend: the message says what and how."""
+
+
+class ConfigError(ZoacError):
+    """A configuration value is unknown, of the wrong type, out of range or in conflict."""
+
+
+class RunFolderError(ZoacError):
+    """A run folder is missing, damaged, locked or belongs to another configuration."""
+
+
+class ControllerError(ZoacError):
+    """A controller raised, or returned actions of the wrong shape or not finite."""
+
+
+class UnsavableError(ZoacError):
+    """Something cannot be saved: what a checkpoint cannot hold, or what cannot be put back."""
+
+
+class WorkerError(ZoacError):
+    """A worker died again and again on the same work, or died and its environments cannot be put back."""
+
+
+class EnvironmentContractError(ZoacError):
+    """An environment broke the rules of Gymnasium's interface."""
+
+
+class EnvironmentFailure(EnvironmentContractError):
+    """An environment raised, or gave an observation or a cost that is not finite."""
+
+
+class NothingWorksError(ZoacError):
+    """Every episode failed, so that there is nothing to tune on."""
+
+
+def suggest(name: str, choices: Iterable[str]) -> str:
+    """Return "did you mean ...?" and the list of valid choices, as one clause.
+
+    Args:
+        name: What the user wrote.
+        choices: The valid names.
+    """
+    known = sorted(str(choice) for choice in choices)
+    if str(name) in known:
+        return f"{name!r} is known, but not in this place; known: {', '.join(known[:MAX_LISTED])}"
+    close = get_close_matches(str(name), known, n=1, cutoff=0.5)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    if len(known) > MAX_LISTED:
+        nearest = get_close_matches(str(name), known, n=MAX_LISTED, cutoff=0.0)
+        return f"{hint}nearest of {len(known)} known: {', '.join(nearest)}"
+    return f"{hint}known: {', '.join(known) if known else '(none)'}"
+
+
+MAX_LISTED = 40
+"""How many choices a message lists: it must fit one screen."""

@@ -1,0 +1,170 @@
+"""What goes into a checkpoint: numbers, text and arrays as such, and a user's objects in a pickle.
+
+A state is a tree of dicts, lists and tuples. Its leaves are numbers, text, None, arrays and random
+generators, kept as JSON and arrays (npz). Anything else is refused, unless it is an `OwnObject`:
+those are pickled together, apart from the rest. The pickle is opened when one of them is used.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from typing import Any, Literal, NamedTuple
+
+import cloudpickle
+import numpy as np
+
+from zoac.core.errors import UnsavableError
+
+_PLAIN = (bool, int, float, str, type(None))
+_TREE = "tree"
+
+
+class OwnObject:
+    """Something that only a pickle can keep: a user's environment, a library's optimiser."""
+
+    def __init__(self, value: Any) -> None:
+        self._value = value
+
+    @property
+    def value(self) -> Any:
+        """The object itself."""
+        return self._value
+
+
+class Encoded(NamedTuple):
+    """A state as bytes: an npz file, and a pickle, which is empty where none is needed."""
+
+    plain: bytes
+    objects: bytes
+
+
+def encode(state: Any) -> Encoded:
+    """Return a state as bytes.
+
+    Raises:
+        UnsavableError: If it holds something that is neither plain nor an `OwnObject`.
+        Exception: Whatever an `OwnObject` raises when it is pickled.
+    """
+    writer = _Writer()
+    tree = json.dumps(writer.tree(state, "the state")).encode()
+    arrays: dict[str, Any] = {_TREE: np.frombuffer(tree, np.uint8)}
+    for kind, parts in writer.arrays.items():
+        arrays[kind] = np.concatenate(parts, dtype=kind)
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    objects = cloudpickle.dumps(writer.objects) if writer.objects else b""
+    return Encoded(file.getvalue(), objects)
+
+
+def decode(encoded: Encoded) -> Any:
+    """Return the state that `encode` took; its `OwnObject`s open their pickle when first used."""
+    with np.load(io.BytesIO(encoded.plain), allow_pickle=False) as file:
+        arrays = dict(file)
+    return _Reader(arrays, _Pickle(encoded.objects)).value(json.loads(arrays[_TREE].tobytes()))
+
+
+class _Writer:
+    """Takes a state apart. Arrays of one type become one long array, which is fast to write."""
+
+    def __init__(self) -> None:
+        self.arrays: dict[str, list[np.ndarray]] = {}
+        self.objects: list[Any] = []
+        self._sizes: dict[str, int] = {}
+
+    def tree(self, value: Any, where: str) -> Any:
+        kind = type(value)
+        if kind in _PLAIN:
+            return value
+        if kind is list:
+            return [self.tree(v, f"{where}[{i}]") for i, v in enumerate(value)]
+        if kind is tuple:
+            return {"tuple": self.tree(list(value), where)}
+        if kind is dict:
+            items = [(self.tree(k, where), self.tree(v, f"{where}[{k!r}]"))
+                     for k, v in value.items()]  # fmt: skip
+            return {"dict": items}
+        if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biufcSU":
+            return {"array" if kind is np.ndarray else "scalar": self._array(np.asarray(value))}
+        if kind is np.random.Generator:
+            return {"generator": self.tree(value.bit_generator.state, where)}
+        if isinstance(value, OwnObject):
+            self.objects.append(value.value)
+            return {"object": len(self.objects) - 1}
+        raise UnsavableError(
+            f"{where} is a {kind.__module__}.{kind.__qualname__}, which a checkpoint cannot hold: "
+            "expected numbers, text, None, arrays, random generators, and dicts, lists and tuples "
+            "of them; wrap an object in zoac.core.state.OwnObject"
+        )
+
+    def _array(self, array: np.ndarray) -> list[Any]:
+        order: Literal["F", "C"] = "F" if array.flags.fnc else "C"
+        kind = array.dtype.str
+        start = self._sizes.get(kind, 0)
+        self.arrays.setdefault(kind, []).append(array.ravel(order))
+        self._sizes[kind] = start + array.size
+        return [kind, start, list(array.shape), order]
+
+
+class _Reader:
+    """Puts a state together again."""
+
+    def __init__(self, arrays: dict[str, np.ndarray], pickled: _Pickle) -> None:
+        self._arrays, self._pickled = arrays, pickled
+
+    def value(self, node: Any) -> Any:
+        if isinstance(node, list):
+            return [self.value(part) for part in node]
+        if not isinstance(node, dict):
+            return node
+        ((kind, content),) = node.items()
+        if kind == "tuple":
+            return tuple(self.value(content))
+        if kind == "dict":
+            return {self.value(key): self.value(value) for key, value in content}
+        if kind == "array":
+            return self._array(*content)
+        if kind == "scalar":
+            return self._array(*content)[()]
+        if kind == "generator":
+            return _generator(self.value(content))
+        if kind == "object":
+            return _Stored(self._pickled, content)
+        raise KeyError(kind)
+
+    def _array(self, kind: str, start: int, shape: list[int], order: Any) -> np.ndarray:
+        flat = self._arrays[kind][start : start + int(np.prod(shape))]
+        return flat.reshape(shape, order=order).copy(order)
+
+
+def _generator(state: dict[str, Any]) -> np.random.Generator:
+    made = getattr(np.random, state["bit_generator"])()
+    made.state = state
+    return np.random.Generator(made)
+
+
+class _Pickle:
+    """The objects of a state, still as bytes until one is used."""
+
+    def __init__(self, content: bytes) -> None:
+        self._content = content
+        self._objects: list[Any] | None = None
+
+    def __getitem__(self, index: int) -> Any:
+        if self._objects is None:
+            self._objects = cloudpickle.loads(self._content)
+        return self._objects[index]
+
+
+class _Stored(OwnObject):
+    """An object of a state that was read."""
+
+    def __init__(self, pickled: _Pickle, index: int) -> None:
+        self._pickled, self._index = pickled, index
+
+    @property
+    def value(self) -> Any:
+        return self._pickled[self._index]
+
+    def __reduce__(self) -> Any:
+        return OwnObject, (self.value,)

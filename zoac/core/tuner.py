@@ -1,0 +1,136 @@
+"""What a tuner is: it asks for rollouts, is told what happened, and recommends."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from zoac.core.parameters import ParameterSpace
+from zoac.core.seeding import stream
+from zoac.core.segments import Proposal, Segment
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What a tuner may know about what it tunes.
+
+    Args:
+        space: The parameters; a tuner searches the mapped box [-1, 1]^d.
+        observation_size: Length o of an observation.
+        environments: Number of environments n that roll out side by side.
+        budget: Environment steps that the run will give to tuning.
+        max_episode_steps: An episode's time limit.
+        seed: The run's seed.
+        start: Mapped reference parameters (d,), for tasks that have them.
+        branches: Environments can run on and be put back to where they stood.
+        baseline: Mapped parameters (d,) of today's controller, a candidate of every final choice.
+    """
+
+    space: ParameterSpace
+    observation_size: int
+    num_envs: int
+    budget: int
+    max_episode_steps: int
+    seed: int
+    start: np.ndarray | None = None
+    supports_snapshots: bool = True
+    baseline: np.ndarray | None = None
+
+    def rng(self, name: str) -> np.random.Generator:
+        """Return the run's random stream called `name`, from its beginning."""
+        return stream(self.seed, name)
+
+
+class Tuner(ABC):
+    """Ask, tell, recommend; and a state that can be saved and put back exactly.
+
+    A tuner's constructor takes the `Problem` first and its options, all by keyword, after it.
+    """
+
+    @abstractmethod
+    def ask(self) -> list[Proposal]:
+        """Return the next batch of proposals; an empty list means there is nothing left to do."""
+
+    @abstractmethod
+    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """Take what came back, in the order of the proposals; return numbers to log.
+
+        Costs are to be minimised. They may be NaN or infinite, which means: bad.
+        """
+
+    def background_update(self) -> None:  # noqa: B027 (most tuners have nothing to do)
+        """Do now what only the next `tell` needs: called while rollouts run elsewhere.
+
+        It may be called often or never, anywhere between `ask` and `tell`: `tell` and `state` must
+        do themselves what is still to be done, so that the numbers are the same.
+        """
+
+    @abstractmethod
+    def recommend(self) -> np.ndarray:
+        """Return the mapped parameters (d,) that the tuner would use now.
+
+        Must not change the tuner's state or draw random numbers.
+        """
+
+    @abstractmethod
+    def state(self) -> Any:
+        """Return a copy of everything that `ask`, `tell` and `recommend` depend on.
+
+        Numbers, text, arrays, and dicts, lists and tuples of them; see `zoac.core.state`. A dict
+        has always the same keys.
+        """
+
+    @abstractmethod
+    def restore(self, state: Any) -> None:
+        """Put back what `state` returned; afterwards the tuner goes on to the same bits."""
+
+    def outcome(self) -> dict[str, Any]:
+        """Return what `result.json` must say beside the parameters, by name."""
+        return {}
+
+    def describe(self) -> dict[str, Any]:
+        """Return the choices that a fair comparison must show, by name, for run log and tables."""
+        return {}
+
+
+class TunerStrategy(Tuner):
+    """What any tuner can be combined with: changes some of what it does and forwards the rest."""
+
+    def __init__(self, tuner: Tuner) -> None:
+        self._tuner = tuner
+
+    def ask(self) -> list[Proposal]:
+        """See `Tuner.ask`."""
+        return self._tuner.ask()
+
+    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """See `Tuner.tell`."""
+        return self._tuner.tell(segments)
+
+    def background_update(self) -> None:
+        """See `Tuner.background_update`."""
+        self._tuner.background_update()
+
+    def recommend(self) -> np.ndarray:
+        """See `Tuner.recommend`."""
+        return self._tuner.recommend()
+
+    def state(self) -> Any:
+        """See `Tuner.state`."""
+        return {"tuner": self._tuner.state()}
+
+    def restore(self, state: Any) -> None:
+        """See `Tuner.restore`."""
+        self._tuner.restore(state["tuner"])
+
+    def outcome(self) -> dict[str, Any]:
+        """See `Tuner.outcome`."""
+        return self._tuner.outcome()
+
+    def describe(self) -> dict[str, Any]:
+        """See `Tuner.describe`."""
+        return self._tuner.describe()

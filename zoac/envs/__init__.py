@@ -1,0 +1,1 @@
+"""Environments side by side, and a user's own environment as a task."""

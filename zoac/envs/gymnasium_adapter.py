@@ -1,0 +1,368 @@
+"""A user's own single-environment environment, as environments."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Discrete
+from gymnasium.wrappers import ClipAction, NormalizeObservation, NormalizeReward, TimeLimit
+
+from zoac.core.errors import (
+    ConfigError,
+    EnvironmentContractError,
+    EnvironmentFailure,
+    ZoacError,
+)
+from zoac.core.seeding import stream
+from zoac.core.state import OwnObject
+from zoac.envs.base import VecEnv
+from zoac.envs.objective import Objective
+from zoac.envs.plant_numbers import Bounds, PlantNumbers, lost_number
+
+MAX_EPISODE_STEPS = 10_000
+"""Steps after which an episode that nothing limits is an error."""
+
+
+class GymnasiumVecEnv(VecEnv):
+    """n copies of a `gymnasium.Env`, stepped one after the other.
+
+    An environment is saved by a deep copy of its environment.
+    """
+
+    def __init__(
+        self,
+        envs: Sequence[gymnasium.Env],
+        max_episode_steps: int | None,
+        plant: Mapping[str, float] | None = None,
+        vary: Mapping[str, Bounds] | None = None,
+        make: Callable[[], gymnasium.Env] | None = None,
+        objective: str = "auto",
+    ) -> None:
+        """
+        Args:
+            envs: One environment an environment.
+            max_episode_steps: Cut episodes here; None: where the environment's own limit does. An
+                environment without either must end by itself within `MAX_EPISODE_STEPS` steps.
+            plant: Attributes of the innermost environment, and the numbers they are set to before
+                every reset.
+            vary: Likewise, and the range (low, high) from which every episode draws uniformly.
+            make: Makes an environment in place of one that raised; None: that one is reset.
+            objective: Which signal is the cost; see `zoac.envs.objective.Objective`.
+
+        Raises:
+            ConfigError: If its spaces are of a kind that cannot be tuned on, or it has no such
+                attribute.
+        """
+        first = envs[0]
+        _check_reset(first)
+        if not isinstance(first.observation_space, Box):
+            raise ConfigError(
+                f"the environment's observations are {first.observation_space}; expected a Box "
+                "(wrap it, for instance with gymnasium.wrappers.FlattenObservation)"
+            )
+        size = int(np.prod(first.observation_space.shape))
+        observations = Box(-np.inf, np.inf, (size,), np.float64)
+        if isinstance(first.action_space, Discrete):
+            actions = Box(-np.inf, np.inf, (1,), np.float64)
+        elif isinstance(first.action_space, Box):
+            flat = int(np.prod(first.action_space.shape))
+            actions = Box(-np.inf, np.inf, (flat,), np.float64)
+        else:
+            raise ConfigError(
+                f"the environment's actions are {first.action_space}; expected a Box or Discrete"
+            )
+        limit = max_episode_steps or _own_limit(first)
+        super().__init__(len(envs), observations, actions, limit or MAX_EPISODE_STEPS)
+        self.limited = limit is not None
+        self.remarks = (*_drifting(first), *_flattened(first))
+        self._envs = list(envs)
+        self._taken = _taken(first)
+        self._make, self._objective = make, Objective(objective)
+        self._numbers = PlantNumbers(first, plant or {}, vary or {})
+        for env in self._envs:
+            self._numbers.put(env, self._numbers.fixed)
+        self._draws: list[np.random.Generator] = [np.random.default_rng(0) for _ in envs]
+        self._seen = np.zeros((len(envs), size))
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """See `VecEnv.reset`.
+
+        Raises:
+            ConfigError: If the environment's reset puts its own number where `plant` or `vary` put
+                another.
+            EnvironmentContractError: If it breaks the rules of Gymnasium's interface.
+
+        An environment whose environment raises, or whose observation is not finite, stands among
+        the infos' `failures`, environment -> `EnvironmentFailure`.
+        """
+        failures: dict[int, EnvironmentFailure] = {}
+        options = dict(options or {})
+        mask = options.pop("reset_mask", None)
+        if isinstance(seed, (int, np.integer)):
+            seeds: Sequence[int | None] = [int(seed) + i for i in range(self.num_envs)]
+        else:
+            seeds = seed or [None] * self.num_envs
+        env_indices = range(self.num_envs) if mask is None else np.flatnonzero(mask).tolist()
+        for env_index in env_indices:
+            env_seed = seeds[env_index]
+            # Many environments hand their seed to libraries that take 32 bits.
+            short = None if env_seed is None else int(env_seed) % 2**31
+            if env_seed is not None and self._numbers.drawn:
+                self._draws[env_index] = stream(int(env_seed), "plant")
+            numbers = self._numbers.draw(self._draws[env_index])
+            self._numbers.put(self._envs[env_index], numbers)  # a step may have changed them
+            self._steps[env_index] = 0
+            try:
+                told = {"options": options} if options else {}
+                result = self._call(env_index, "reset", seed=short, **told)
+                observation, _ = _parts(result, "reset", ("observation", "info"))
+                self._numbers.check(self._envs[env_index], numbers)
+                self._see(env_index, observation)
+            except EnvironmentFailure as failure:
+                failures[env_index] = failure
+        return self._seen.copy(), {"failures": failures}
+
+    def step(
+        self, actions: np.ndarray, mask: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """See `VecEnv.step`.
+
+        Raises:
+            ConfigError: If an episode that nothing limits does not end.
+            EnvironmentContractError: If the environment breaks the rules of Gymnasium's interface.
+
+        An environment whose environment raises, or whose observation or cost is not finite, stands
+        among the infos' `failures`, environment -> `EnvironmentFailure`, and reports cost 0 and no
+        end.
+        """
+        n = self.num_envs
+        failures: dict[int, EnvironmentFailure] = {}
+        cost, terminated, truncated = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
+        applied = np.zeros_like(actions)
+        for env_index in range(n) if mask is None else np.flatnonzero(mask).tolist():
+            action = env_action(self._taken, actions[env_index])
+            applied[env_index] = np.reshape(action, -1)
+            self._steps[env_index] += 1
+            try:
+                result = self._call(env_index, "step", action)
+                observation, reward, terminated[env_index], cut, info = _parts(
+                    result, "step", _STEP
+                )
+                self._see(env_index, observation)
+                cost[env_index] = self._objective.cost(reward, info, int(self._steps[env_index]))
+            except EnvironmentFailure as failure:
+                failures[env_index], terminated[env_index] = failure, False
+                continue
+            over_time = self._steps[env_index] >= self.max_episode_steps
+            if over_time and not (self.limited or terminated[env_index] or cut):
+                raise ConfigError(
+                    f"an episode has not ended after {self.max_episode_steps:,} steps; the "
+                    "environment needs a time limit: give max_episode_steps"
+                )
+            truncated[env_index] = (cut or over_time) and not terminated[env_index]
+        infos = {"cost": cost, "failures": failures, "actions": applied}
+        return self._seen.copy(), -cost, terminated, truncated, infos
+
+    def _call(self, env_index: int, method: str, *arguments: Any, **options: Any) -> Any:
+        """Call an environment's method; one that raises is replaced by a new environment.
+
+        Raises:
+            EnvironmentFailure: If it raises.
+        """
+        try:
+            return getattr(self._envs[env_index], method)(*arguments, **options)
+        except ZoacError:
+            raise
+        except Exception as error:
+            if self._make is not None:
+                with contextlib.suppress(Exception):  # it is broken already
+                    self._envs[env_index].close()
+                self._envs[env_index] = self._make()
+            raise EnvironmentFailure(
+                f"the environment's {method} raised {type(error).__name__}: {error}"
+            ) from error
+
+    def _see(self, env_index: int, observation: Any) -> None:
+        try:
+            flat = np.asarray(observation, dtype=np.float64).reshape(-1)
+        except (TypeError, ValueError):
+            raise EnvironmentContractError(
+                f"the environment returned the observation {observation!r}, expected "
+                f"{self._seen.shape[1]} numbers as its observation_space says"
+            ) from None
+        if flat.shape != self._seen[env_index].shape:
+            raise EnvironmentContractError(
+                f"the environment returned an observation of {flat.size} numbers, expected "
+                f"{self._seen.shape[1]} as its observation_space says"
+            )
+        if not np.isfinite(flat).all():
+            raise EnvironmentFailure(
+                f"the environment returned the observation {flat.tolist()}; every number must be "
+                "finite"
+            )
+        self._seen[env_index] = flat
+
+    def state(self, env_indices: Sequence[int] | np.ndarray) -> dict[str, Any]:
+        """See `VecEnv.state`."""
+        envs = [
+            copy.deepcopy(self._envs[env_index]) for env_index in np.asarray(env_indices).tolist()
+        ]
+        return {
+            "envs": OwnObject(envs),
+            "draws": [
+                copy.deepcopy(self._draws[env_index])
+                for env_index in np.asarray(env_indices).tolist()
+            ],
+            "seen": self._seen[env_indices].copy(),
+            "steps": self._steps[env_indices].copy(),
+        }
+
+    def restore(self, env_indices: Sequence[int] | np.ndarray, state: dict[str, Any]) -> np.ndarray:
+        """See `VecEnv.restore`."""
+        envs, draws = state["envs"].value, state["draws"]
+        rows = zip(np.asarray(env_indices).tolist(), envs, draws, strict=True)
+        for env_index, env, draws in rows:
+            self._envs[env_index] = copy.deepcopy(env)
+            self._draws[env_index] = copy.deepcopy(draws)
+        self._seen[env_indices] = state["seen"]
+        self._steps[env_indices] = state["steps"]
+        return self._seen.copy()
+
+    def close(self, **kwargs: Any) -> None:
+        """Close every environment."""
+        for env in self._envs:
+            env.close()
+
+
+def env_action(space: gymnasium.Space, action: np.ndarray) -> Any:
+    """Return a controller's action (m,) as the environment takes it.
+
+    Args:
+        space: Its action space: Discrete, where the nearest action counts, or Box, whose bounds
+            clip; of whole numbers the nearest counts.
+        action: What the controller returned.
+    """
+    if isinstance(space, Discrete):
+        return int(space.start + np.clip(round(float(action[0])) - space.start, 0, space.n - 1))
+    assert isinstance(space, Box)
+    whole = np.issubdtype(space.dtype, np.integer)
+    action = (np.rint(action) if whole else action).reshape(space.shape)
+    return np.clip(action, space.low, space.high).astype(space.dtype)
+
+
+def _taken(env: gymnasium.Env) -> gymnasium.Space:
+    """Return the space of actions that an environment applies: within a ClipAction, its bounds."""
+    inner = env
+    while isinstance(inner, gymnasium.Wrapper):
+        if isinstance(inner, ClipAction):
+            return _taken(inner.env)
+        if isinstance(inner, gymnasium.ActionWrapper) or not _is_gymnasiums(inner):
+            break  # it may take actions in other units
+        inner = inner.env
+    return env.action_space
+
+
+def _is_gymnasiums(env: gymnasium.Wrapper) -> bool:
+    return type(env).__module__.startswith("gymnasium.wrappers.")
+
+
+def copy_of(env: gymnasium.Env) -> gymnasium.Env:
+    """Return a copy of an environment object with the same numbers.
+
+    Raises:
+        ConfigError: If it cannot be copied, or its copy has other numbers: some are built anew
+            from the arguments that made them.
+    """
+    remedy = "give a function that makes the environment instead, such as env=make_env"
+    try:
+        twin = copy.deepcopy(env)
+    except Exception as error:  # whatever a user's environment raises when it is copied
+        raise ConfigError(
+            f"env={env}: every environment needs a copy, and copying raised {type(error).__name__}: "
+            f"{error}; {remedy}"
+        ) from error
+    if (name := lost_number(env, twin)) is not None:
+        found, value = getattr(twin.unwrapped, name, None), getattr(env.unwrapped, name)
+        raise ConfigError(
+            f"env={env}: every environment needs a copy, and in a copy {name!r} is {found!r}, not "
+            f"{value!r}; {remedy}"
+        )
+    return twin
+
+
+def _check_reset(env: gymnasium.Env) -> None:
+    """See that an environment and its wrappers can be reset with a seed.
+
+    Raises:
+        ConfigError: If one cannot.
+    """
+    layer: Any = env
+    while layer is not None:
+        try:
+            inspect.signature(layer.reset).bind(seed=0)
+        except ValueError:  # nothing tells its arguments
+            pass
+        except TypeError:
+            raise ConfigError(
+                f"{type(layer).__name__}.reset{inspect.signature(layer.reset)} takes no seed, "
+                "without which no episode can be repeated; expected reset(self, *, seed=None, "
+                "options=None), which calls super().reset(seed=seed) and draws from self.np_random"
+            ) from None
+        layer = layer.env if isinstance(layer, gymnasium.Wrapper) else None
+
+
+def _flattened(env: gymnasium.Env) -> Iterator[str]:
+    """Yield a remark for each space whose numbers are put in a row."""
+    spaces = (("observations", env.observation_space), ("actions", env.action_space))
+    for what, space in spaces:
+        if isinstance(space, Box) and len(space.shape) > 1:
+            size = int(np.prod(space.shape))
+            yield f"{what} of shape {space.shape} are {size} numbers to the controller, row by row"
+
+
+def _drifting(env: gymnasium.Env) -> Iterator[str]:
+    """Yield a warning for each wrapper that scales by running statistics."""
+    while isinstance(env, gymnasium.Wrapper):
+        if isinstance(env, NormalizeReward | NormalizeObservation) and env.update_running_mean:
+            what = "costs" if isinstance(env, NormalizeReward) else "observations"
+            yield (
+                f"{type(env).__name__} scales by running statistics, so the same episode gives "
+                f"other {what} later in the run, and environments differ: remove the wrapper, or set its "
+                "update_running_mean to False once its statistics are final"
+            )
+        env = env.env
+
+
+def _own_limit(env: gymnasium.Env) -> int | None:
+    """Return the time limit that an environment brings along, if it has one."""
+    limits = [env.spec.max_episode_steps] if env.spec else []
+    while isinstance(env, gymnasium.Wrapper):
+        if isinstance(env, TimeLimit):
+            limits.append(env._max_episode_steps)
+        env = env.env
+    return min((limit for limit in limits if limit is not None), default=None)
+
+
+_STEP = ("observation", "reward", "terminated", "truncated", "info")
+
+
+def _parts(result: Any, method: str, expected: tuple[str, ...]) -> tuple[Any, ...]:
+    """Return what an environment's method returned, if it has the parts that Gymnasium asks for."""
+    if isinstance(result, tuple) and len(result) == len(expected) and isinstance(result[-1], dict):
+        return result
+    found = f"{len(result)} values" if isinstance(result, tuple) else type(result).__name__
+    raise EnvironmentContractError(
+        f"the environment's {method} returned {found}, expected ({', '.join(expected)}), info a "
+        "dict; an environment of the old Gym must be wrapped"
+    )

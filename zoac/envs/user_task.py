@@ -1,0 +1,327 @@
+"""A user's own environment, controller and bounds, as a task."""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import VectorEnv
+
+from zoac.config.validate import check_code, locate
+from zoac.controllers.user_controller import as_controller
+from zoac.core.errors import ConfigError, ZoacError
+from zoac.core.parameters import Parameter, ParameterSpace, choice
+from zoac.core.task import Constraint, Controller, Metric, Task
+from zoac.core.types import is_number
+from zoac.envs.gymnasium_adapter import Bounds, GymnasiumVecEnv, copy_of, env_action
+from zoac.envs.objective import Objective
+
+EnvSource = str | gymnasium.Env | Callable[[], gymnasium.Env]
+
+
+class UserTask(Task):
+    """A task from a user's environment, controller and bounds."""
+
+    def __init__(
+        self,
+        env: EnvSource,
+        controller: Any,
+        space: ParameterSpace,
+        fixed: Mapping[str, float] | None = None,
+        start: Mapping[str, Any] | None = None,
+        metrics: Sequence[Metric] = (),
+        max_episode_steps: int | None = None,
+        constraints: Sequence[Constraint] = (),
+        plant: Mapping[str, float] | None = None,
+        vary: Mapping[str, Bounds] | None = None,
+        objective: str = "auto",
+    ) -> None:
+        """
+        Args:
+            env: A Gymnasium id, a function that makes an environment, or an environment, which is
+                then copied for every environment.
+            controller: See `zoac.controllers.user_controller.as_controller`.
+            space: What is tuned.
+            fixed: Parameters that are not.
+            start: Today's values, for comparison and as a start.
+            metrics: Reported beside the cost.
+            max_episode_steps: Cut episodes here.
+            constraints: What must hold at every step.
+            plant: See `GymnasiumVecEnv`.
+            vary: See `GymnasiumVecEnv`.
+            objective: See `zoac.envs.objective.Objective`.
+        """
+        self._env, self._controller, self.fixed = env, controller, dict(fixed or {})
+        self.space, self.metrics, self.constraints = space, tuple(metrics), tuple(constraints)
+        self.baseline = dict(start) if start is not None else None
+        self._max_episode_steps = max_episode_steps
+        self._plant, self._vary = dict(plant or {}), dict(vary or {})
+        self._objective, self.objective = objective, str(Objective(objective))
+
+    def parts(self) -> dict[str, Any]:
+        """See `Task.parts`."""
+        return {
+            "env": self._env,
+            "controller": self._controller,
+            "metrics": {metric.name: metric for metric in self.metrics},
+            "constraints": {constraint.name: constraint for constraint in self.constraints},
+        }
+
+    def make_env(self, n: int) -> GymnasiumVecEnv:
+        """Return `n` environments as environments."""
+        envs = [self._one_env() for _ in range(n)]
+        return GymnasiumVecEnv(
+            envs,
+            self._max_episode_steps,
+            self._plant,
+            self._vary,
+            make=self._one_env,
+            objective=self._objective,
+        )
+
+    def _one_env(self) -> gymnasium.Env:
+        return single_env(self._env)
+
+    def make_controller(self) -> Controller:
+        """Return the user's controller."""
+        return as_controller(self._controller, self.fixed, self.space)
+
+    def env_action(self, action: np.ndarray) -> Any:
+        """See `Task.env_action`."""
+        return env_action(self._action_space, action)
+
+    @cached_property
+    def _action_space(self) -> gymnasium.Space:
+        env = self._one_env()
+        env.close()
+        return env.action_space
+
+    def with_plant(self, plant: Mapping[str, float]) -> UserTask:
+        """Return the same task on a plant with other numbers; they no longer vary."""
+        other = copy.copy(self)
+        other._plant = {**self._plant, **plant}
+        other._vary = {k: v for k, v in self._vary.items() if k not in plant}
+        return other
+
+
+def single_env(source: EnvSource) -> gymnasium.Env:
+    """Return an environment of its own from what a user gives.
+
+    Raises:
+        ConfigError: If it cannot be made, or is no `gymnasium.Env`.
+    """
+    if isinstance(source, gymnasium.Env):
+        return copy_of(source)
+    made: Any = source
+    if isinstance(source, str) or (callable(source) and not isinstance(source, VectorEnv)):
+        try:
+            made = gymnasium.make(source) if isinstance(source, str) else source()
+        except ZoacError:
+            raise
+        except Exception as error:  # whatever a user's constructor raises
+            raise ConfigError(
+                f"env={source!r}: making it raised {type(error).__name__}: {error}; expected the "
+                "id of a Gymnasium environment, or a function without arguments that makes one"
+            ) from error
+    if isinstance(made, gymnasium.Env):
+        return made
+    remedy = "an environment of the old Gym must be wrapped"
+    if isinstance(made, VectorEnv):
+        remedy = "give a single environment, of which as many are made as are needed"
+    raise ConfigError(
+        f"env={source!r}: {'it is' if made is source else 'it makes'} {made!r}, expected a "
+        f"gymnasium.Env; {remedy}"
+    )
+
+
+def user_task(
+    *,
+    env: EnvSource,
+    controller: Any,
+    space: ParameterSpace | Mapping[str, Any],
+    start: Mapping[str, Any] | None = None,
+    metrics: Sequence[Metric] | Mapping[str, Any] = (),
+    constraints: Sequence[Constraint] | Mapping[str, Any] = (),
+    max_episode_steps: int | None = None,
+    plant: Mapping[str, float] | None = None,
+    vary: Mapping[str, Bounds] | None = None,
+    objective: str = "auto",
+) -> UserTask:
+    """Return a task from what a user has; `_target_: zoac.envs.user_task.user_task` in a YAML file.
+
+    Args:
+        env: A Gymnasium id, a function (or class) that makes an environment, its dotted path, or
+            an environment.
+        controller: See `zoac.controllers.user_controller.as_controller`; or the dotted path of such
+            a thing.
+        space: See `parse_space`.
+        start: Today's values, beside those that `space` names.
+        metrics: Reported beside the cost: `Metric`s, or functions of a segment, or their dotted
+            paths, by name.
+        constraints: What must hold at every step: `Constraint`s, or functions likewise.
+        max_episode_steps: Cut episodes here; needed if the environment does not end by itself.
+        plant: Attributes of the innermost environment, and the numbers they are set to before
+            every reset.
+        vary: Likewise, and the range from which every episode draws.
+        objective: What is minimised: "reward", its negative; "cost", `info["cost"]`; "info:<key>",
+            another number of info; "auto", the negative reward unless `info["cost"]` differs from
+            it, which is refused.
+
+    Raises:
+        ConfigError: If any of them cannot be used.
+    """
+    if max_episode_steps is not None and not _is_count(max_episode_steps):
+        raise ConfigError(
+            f"max_episode_steps={max_episode_steps!r}: expected 1 or more, a whole number, at most "
+            f"{LONGEST:,}"
+        )
+    for what, numbers in (("plant", plant), ("vary", vary)):
+        if not isinstance(numbers, Mapping | None):
+            raise ConfigError(f"{what}={numbers!r}: expected numbers by attribute")
+    if isinstance(env, str) and _DOTTED.fullmatch(env):
+        env = _code(env, "env")
+    if isinstance(controller, str):
+        controller = _code(controller, "controller")
+    parsed, fixed, starts = parse_space(space)
+    if not isinstance(start, Mapping | None):
+        raise ConfigError(f"start={start!r}: expected values by name, such as {{'kp': 1.0}}")
+    starts = {**starts, **(start or {})}
+    if starts:
+        parsed.normalise(starts)  # says what is wrong with a start value
+    task = UserTask(
+        env,
+        controller,
+        parsed,
+        fixed,
+        starts or None,
+        _named(metrics, Metric, "metrics"),
+        None if max_episode_steps is None else int(max_episode_steps),
+        _named(constraints, Constraint, "constraints"),
+        plant,
+        vary,
+        objective,
+    )
+    task.make_controller()  # says what is wrong with it
+    return task
+
+
+LONGEST = 10_000_000
+"""Steps of an episode that a user may ask for."""
+
+
+def _is_count(value: Any) -> bool:
+    return is_number(value) and value % 1 == 0 and 1 <= value <= LONGEST
+
+
+_DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
+
+
+def _code(path: str, where: str) -> Any:
+    """Return what a dotted path names; nothing of Python itself."""
+    found = locate(path, where)
+    check_code(found, where)
+    return found
+
+
+def _named(given: Sequence[Any] | Mapping[str, Any], kind: Any, where: str) -> list[Any]:
+    """Return metrics or constraints from functions or dotted paths by name."""
+    if isinstance(given, Mapping):
+        located = {
+            name: _code(value, f"{where}.{name}") if isinstance(value, str) else value
+            for name, value in given.items()
+        }
+        found = [v if isinstance(v, kind) else kind(name, v) for name, v in located.items()]
+    else:
+        several = isinstance(given, Sequence) and not isinstance(given, str)
+        found = list(given) if several else [given]
+        for value in found:
+            if not isinstance(value, kind):
+                raise ConfigError(
+                    f"{where}: {value!r} is no {kind.__name__}; give functions by name, such as "
+                    f"{where}={{'my_name': function}}"
+                )
+    names = [value.name for value in found]
+    repeated = {name for name in names if names.count(name) > 1}
+    if repeated:
+        raise ConfigError(f"{where}: names must differ; repeated: {', '.join(sorted(repeated))}")
+    return found
+
+
+def parse_space(
+    space: ParameterSpace | Mapping[str, Any],
+) -> tuple[ParameterSpace, dict[str, float], dict[str, Any]]:
+    """Return the space, the fixed parameters and the baseline values that a dict describes.
+
+    Args:
+        space: A `ParameterSpace`, or by name: `(low, high)`, `(low, high, "log")`,
+            `(low, high, "integer")`, `{"low": ..., "high": ..., "scale": ..., "unit": ...,
+            "start": ...}`, `{"choices": [...], "start": ...}`, or one number, which is fixed.
+
+    Raises:
+        ConfigError: If an entry is none of these.
+    """
+    if isinstance(space, ParameterSpace):
+        return space, {}, {}
+    if not isinstance(space, Mapping):
+        raise ConfigError(f"space={space!r}: expected bounds by name, such as {{'kp': (0, 5)}}")
+    parameters: list[Parameter] = []
+    fixed: dict[str, float] = {}
+    start: dict[str, Any] = {}
+    for name, entry in space.items():
+        where, entry = f"space[{name!r}]", _plain(entry)
+        if isinstance(entry, (int, float)):
+            fixed[name] = float(entry)
+        elif isinstance(entry, Mapping):
+            fields = {key: _plain(value) for key, value in entry.items()}
+            if "start" in fields:
+                given = fields.pop("start")
+                start[name] = given if "choices" in fields else _number(given, f"{where}.start")
+            parameters.append(_parameter(name, fields))
+        elif isinstance(entry, Sequence) and not isinstance(entry, str):
+            if len(entry) > len(_FIELDS):
+                raise ConfigError(
+                    f"{where}={entry!r}: expected at most {', '.join(_FIELDS)}; a start value goes "
+                    f"into a dict, such as {{'low': 0, 'high': 5, 'start': 1}}"
+                )
+            values = [_plain(value) for value in entry]
+            parameters.append(_parameter(name, dict(zip(_FIELDS, values, strict=False))))
+        else:
+            raise ConfigError(
+                f"{where}={entry!r}: expected (low, high), (low, high, 'log'), a dict or a number"
+            )
+    return ParameterSpace(parameters), fixed, start
+
+
+def _plain(value: Any) -> Any:
+    """Return a NumPy array or number as a list or a number of Python's."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+_FIELDS = ("low", "high", "scale", "unit")
+
+
+def _number(given: Any, where: str) -> float:
+    try:
+        return float(given)
+    except (TypeError, ValueError):
+        raise ConfigError(f"{where}={given!r}: expected a number") from None
+
+
+def _parameter(name: str, fields: Mapping[str, Any]) -> Parameter:
+    fields = dict(fields)
+    if fields.get("scale") == "integer":
+        fields |= {"scale": "linear", "kind": "integer"}
+    try:
+        if "choices" in fields:
+            return choice(name, fields.pop("choices"), **fields)
+        return Parameter(name=name, **fields)
+    except TypeError:
+        raise ConfigError(
+            f"space[{name!r}]={dict(fields)!r}: expected low and high, and if wanted "
+            "scale ('linear', 'log' or 'integer'), unit, start; or choices"
+        ) from None

@@ -1,0 +1,1 @@
+"""Where environments run: here, in processes, on a cluster."""

@@ -1,0 +1,87 @@
+"""Processes that end with the process that started them, however that one ends.
+
+A worker process ends when the pipe of its requests does, and on Linux the kernel ends it. A job of
+a sweep on this machine follows the sweep's lifeline: a locked file, which the system unlocks when
+the process of the sweep ends. The job then stops after its iteration, with a checkpoint, and its
+process ends within `GRACE` seconds.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import cache
+from pathlib import Path
+
+from zoac.runs.lock import HeldError, locked
+
+GRACE = 3.0
+"""Seconds in which a job may finish its iteration and write a checkpoint."""
+
+_POLL = 0.25
+_cut = threading.Event()
+
+
+def die_with_parent() -> None:
+    """Have the kernel kill this process when the thread that started it ends, where it can.
+
+    A thread of Python's own cannot see to that while a user's library holds the interpreter.
+    """
+    if sys.platform == "linux":
+        import ctypes
+
+        set_parent_death_signal = 1
+        ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
+
+
+def hold(folder: Path) -> Callable[[], None]:
+    """Hold the lifeline of a sweep until this process ends.
+
+    Args:
+        folder: The sweep's folder; made if it is missing.
+
+    Returns:
+        A function that lets go of it sooner.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    held = ExitStack()
+    held.enter_context(locked(_file(folder)))
+    return held.close
+
+
+@cache
+def follow(folder: Path) -> None:
+    """End this process `GRACE` seconds after nobody holds a sweep's lifeline any more.
+
+    Args:
+        folder: The sweep's folder. Without a lifeline in it nothing is done.
+    """
+    if not _file(folder).exists():
+        return
+    try:
+        with locked(_file(folder)):
+            _cut.set()
+    except HeldError:
+        pass
+    threading.Thread(target=_watch, args=(_file(folder),), daemon=True).start()
+
+
+def is_cut() -> bool:
+    """Tell whether the sweep that this process works for has ended."""
+    return _cut.is_set()
+
+
+def _watch(file: Path) -> None:
+    with locked(file, wait=True, poll=_POLL):
+        _cut.set()
+    time.sleep(GRACE)
+    os._exit(1)
+
+
+def _file(folder: Path) -> Path:
+    return folder / ".lifeline"

@@ -1,0 +1,163 @@
+"""Environments spread over workers, whatever these are: processes here, actors of a cluster elsewhere."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import cloudpickle
+import numpy as np
+
+from zoac.core.segments import Proposal, Segment
+from zoac.core.task import Task
+from zoac.executors.base import Executor, nothing
+
+
+class Handle(ABC):
+    """This side of one worker. A worker that dies is replaced and its request begun anew.
+
+    Making a handle begins to start its worker; `ready` waits for it.
+
+    Args:
+        environments: Ids of the worker's tuning environments.
+    """
+
+    def __init__(self, env_indices: list[int]) -> None:
+        self.num_envs = env_indices
+        # `zoac.executors.worker.saved` after the environments' last request; None: they are at
+        # their beginning.
+        self.env_states: bytes | None = None
+
+    @abstractmethod
+    def ready(self) -> None:
+        """Wait until the worker has made its environments.
+
+        Raises:
+            WorkerError: If the worker cannot be started.
+        """
+
+    @abstractmethod
+    def begin(self, method: str, *arguments: Any) -> None:
+        """Send a request to a method of `zoac.executors.worker.Worker`, without waiting."""
+
+    @abstractmethod
+    def finish(self) -> Any:
+        """Return the result of the request.
+
+        Raises:
+            WorkerError: If workers die of it again and again.
+        """
+
+    @property
+    @abstractmethod
+    def processor_seconds(self) -> float:
+        """Processor seconds of this worker and those it replaced, as far as they reported."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End the worker."""
+
+    def call(self, method: str, *arguments: Any) -> Any:
+        """Send a request and return its result."""
+        self.begin(method, *arguments)
+        return self.finish()
+
+
+class Pool(Executor):
+    """Groups of neighbouring environments, each at a worker of its own.
+
+    A worker that dies is replaced, put back to where its environments stood, and its work redone.
+    Where the environments cannot be saved the run ends with a message instead.
+    """
+
+    def __init__(self) -> None:
+        self._workers: list[Handle] = []
+
+    @abstractmethod
+    def _launch(self, task: Task, env_indices: list[int], seed: int) -> Handle:
+        """Begin to start a worker for a group of environments."""
+
+    def _start_workers(self, task: Task, env_indices: int, seed: int, workers: int) -> None:
+        """Begin to start workers, one for each group of environments; where one fails, end all."""
+        self._workers = []
+        try:
+            for part in np.array_split(np.arange(env_indices), min(workers, env_indices)):
+                self._workers.append(self._launch(task, part.tolist(), seed))
+        except BaseException:
+            self.close()
+            raise
+        self._worker_of = {env_index: w for w in self._workers for env_index in w.num_envs}
+
+    def _wait(self) -> None:
+        """Wait until all workers are ready; where one is not, end all."""
+        try:
+            for worker in self._workers:
+                worker.ready()
+        except BaseException:
+            self.close()
+            raise
+
+    def rollout(
+        self, proposals: Sequence[Proposal], background_update: Callable[[], None] = nothing
+    ) -> list[Segment]:
+        """See `Executor.rollout`."""
+        parts: dict[Handle, list[int]] = {w: [] for w in self._workers}
+        for index, proposal in enumerate(proposals):
+            parts[self._worker_of[proposal.env_index]].append(index)
+        requests = {w: [proposals[i] for i in part] for w, part in parts.items() if part}
+        for worker, request in requests.items():
+            worker.begin("rollout", request)
+        background_update()
+        segments: dict[int, Segment] = {}
+        for worker in requests:
+            done, worker.env_states = worker.finish()
+            segments.update(zip(parts[worker], done, strict=True))
+        return [segments[i] for i in range(len(proposals))]
+
+    def evaluate(
+        self, proposals: Sequence[Proposal], background_update: Callable[[], None] = nothing
+    ) -> list[Segment]:
+        """See `Executor.evaluate`."""
+        parts = [
+            (worker, part)
+            for worker, part in zip(
+                self._workers,
+                np.array_split(np.arange(len(proposals)), len(self._workers)),
+                strict=True,
+            )
+            if len(part)
+        ]
+        for worker, part in parts:
+            # A worker's evaluation environments count from 0; the episode comes from the seed
+            # alone.
+            worker.begin(
+                "evaluate", [replace(proposals[i], env_index=k) for k, i in enumerate(part)]
+            )
+        background_update()
+        return [segment for worker, _ in parts for segment in worker.finish()]
+
+    def state(self) -> dict[int, Any]:
+        """See `Executor.state`."""
+        return {
+            env_index: state for w in self._workers for env_index, state in w.call("state").items()
+        }
+
+    def restore(self, state: Mapping[int, Any]) -> None:
+        """See `Executor.restore`."""
+        for worker in self._workers:
+            worker.env_states = cloudpickle.dumps(
+                {env_index: state[env_index] for env_index in worker.num_envs}
+            )
+            worker.call("restore", worker.env_states)
+
+    @property
+    def worker_seconds(self) -> float:
+        """See `Executor.worker_seconds`."""
+        return sum(w.processor_seconds for w in self._workers)
+
+    def close(self) -> None:
+        """See `Executor.close`."""
+        for worker in self._workers:
+            worker.close()

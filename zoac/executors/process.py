@@ -1,0 +1,158 @@
+"""`executor=process`: groups of environments in processes of this machine."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from zoac.core.errors import WorkerError
+from zoac.core.task import Task
+from zoac.core.types import Count
+from zoac.executors.pool import Handle, Pool
+from zoac.executors.worker import receive, send
+
+
+class Process(Pool):
+    """Groups of neighbouring environments, each in a process of its own."""
+
+    def __init__(
+        self,
+        *,
+        workers: Count | None = None,
+        attempts: Count = 3,
+    ) -> None:
+        """
+        Args:
+            workers: Number of processes; None: one a processor core.
+            attempts: How often the same work may be begun before the run is given up.
+        """
+        super().__init__()
+        self._count = workers or os.cpu_count() or 1
+        self._attempts = attempts
+
+    def start(self, task: Task, env_indices: int, seed: int) -> None:
+        """See `Executor.start`."""
+        self._start_workers(task, env_indices, seed, self._count)
+        self._wait()
+
+    def _launch(self, task: Task, env_indices: list[int], seed: int) -> Handle:
+        return _ProcessHandle(task, env_indices, seed, self._attempts)
+
+
+class _ProcessHandle(Handle):
+    """This side of one worker process."""
+
+    def __init__(self, task: Task, env_indices: list[int], seed: int, attempts: int) -> None:
+        super().__init__(env_indices)
+        self._task, self._seed, self._attempts = task, seed, attempts
+        self._earlier_seconds = self._seconds = 0.0
+        self._request: tuple[str, tuple[Any, ...]] = ("state", ())
+        self._start_process()
+
+    def ready(self) -> None:
+        """See `Handle.ready`."""
+        steps: list[tuple[str, tuple[Any, ...]]] = [
+            ("start", (self._task, self.num_envs, self._seed))
+        ]
+        if self.env_states is not None:
+            steps.append(("restore", (self.env_states,)))
+        for step in steps:
+            try:
+                send(self._input, step)
+                reply = self._reply()
+            except (EOFError, OSError):
+                raise WorkerError(
+                    f"a worker process could not be started ({_death(self._process.wait())})"
+                ) from None
+            self._result(reply)
+
+    def begin(self, method: str, *arguments: Any) -> None:
+        """See `Handle.begin`."""
+        self._request = (method, arguments)
+        with contextlib.suppress(OSError):  # it has died: `finish` notices and sends again
+            send(self._input, self._request)
+
+    def finish(self) -> Any:
+        """See `Handle.finish`."""
+        for attempt in range(1, self._attempts + 1):
+            try:
+                reply = self._reply()
+            except EOFError:  # nobody is there any more
+                status = self._process.wait()
+                if attempt == self._attempts:
+                    break
+                self.close()
+                self._start_process()
+                self.ready()
+                method, arguments = self._request
+                self.begin(method, *arguments)
+            else:
+                return self._result(reply)
+        raise WorkerError(
+            f"the worker process of environments {self.num_envs[0]} to {self.num_envs[-1]} died "
+            f"{self._attempts} times on the same work ({_death(status)}). Memory may be short: "
+            "try fewer executor.workers or fewer environments"
+        )
+
+    @property
+    def processor_seconds(self) -> float:
+        """See `Handle.processor_seconds`."""
+        return self._earlier_seconds + self._seconds
+
+    def close(self) -> None:
+        """See `Handle.close`."""
+        self._process.kill()
+        self._process.wait()
+        for stream in (self._input, self._output):
+            with contextlib.suppress(OSError):  # what was not sent yet has no reader any more
+                stream.close()
+
+    def _start_process(self) -> None:
+        self._earlier_seconds += self._seconds
+        self._seconds = 0.0
+        # Not a fork, which would copy locked threads; not multiprocessing's spawn, which would
+        # run a user's script again.
+        path = os.pathsep.join(p for p in sys.path if p)
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "zoac.executors.worker"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+                cwd=Path.cwd(),
+                # Ctrl-C is for this process to handle: workers end with it.
+                start_new_session=os.name == "posix",
+            )
+        except OSError as error:  # too many processes, or too little memory
+            raise WorkerError(
+                f"a worker process could not be started ({error.strerror}); try fewer "
+                "executor.workers"
+            ) from error
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._input, self._output = self._process.stdin, self._process.stdout
+
+    def _reply(self) -> tuple[Any, Exception | None]:
+        """Return result and error of the request, as `zoac.executors.worker.answered` does.
+
+        Raises:
+            EOFError: If the process has died.
+        """
+        result, error, self._seconds = receive(self._output)
+        return result, error
+
+    @staticmethod
+    def _result(reply: tuple[Any, Exception | None]) -> Any:
+        # Apart from `_reply`: what a user's environment raises may be an OSError itself.
+        result, error = reply
+        if error is not None:
+            raise error
+        return result
+
+
+def _death(status: int) -> str:
+    return f"killed by signal {-status}" if status < 0 else f"exit status {status}"

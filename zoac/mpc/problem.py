@@ -1,0 +1,121 @@
+"""What every solver of the linearised optimal control problem takes and returns."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+
+class Status(enum.IntEnum):
+    """How a solve ended; `sentence` says it to a person, with the remedy."""
+
+    SOLVED = 0
+    INACCURATE = 1
+    ITERATION_LIMIT = 2
+    NUMERICAL_FAILURE = 3
+    NOT_FINITE = 4
+
+    @property
+    def sentence(self) -> str:
+        """The status as a sentence."""
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    Status.SOLVED: "The problem was solved to tolerance.",
+    Status.INACCURATE: "The solver stopped near the solution, short of its tolerance.",
+    Status.ITERATION_LIMIT: "The solver used all its iterations; raise its limit.",
+    Status.NUMERICAL_FAILURE: "The solver failed numerically; the weights may be too far apart.",
+    Status.NOT_FINITE: "The problem's data are not finite; the model left its valid range.",
+}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sparsity:
+    """Which entries of a model's Jacobians can be other than zero.
+
+    A solver may use it or not; entries outside must be zero.
+
+    Args:
+        a: (nx, nx) bool, of the Jacobian with respect to the state.
+        b: (nx, nu) bool, of the Jacobian with respect to the input.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LinearisedProblem:
+    """n quadratic programmes, one an environment, linearised about a rollout of the model.
+
+    minimise    sum_{k=1..N} |x_k - reference_k|^2_{state_weights_k}
+              + sum_{k=0..N-1} |u_k|^2_{input_weights_k}
+    subject to  x_0 = states_0,
+                x_{k+1} = states_{k+1} + a_k (x_k - states_k) + b_k (u_k - inputs_k),
+                input_low <= u_k <= input_high,
+
+    where |e|^2_w = sum_i w_i e_i^2. Discounts are folded into the weights. All arrays are
+    C-contiguous float64.
+
+    Args:
+        states: (n, N + 1, nx), the rollout that the model was linearised about.
+        inputs: (n, N, nu), the inputs of that rollout, inside the box.
+        a: (n, N, nx, nx), Jacobians with respect to the state.
+        b: (n, N, nx, nu), Jacobians with respect to the input.
+        reference: (n, N, nx), for x_1 .. x_N.
+        state_weights: (n, N, nx), nonnegative, for x_1 .. x_N.
+        input_weights: (n, N, nu), positive, for u_0 .. u_{N-1}.
+        input_low: (nu,).
+        input_high: (nu,).
+        sparsity: Of `a` and `b`, if the model knows it; None: any entry may be nonzero.
+    """
+
+    states: np.ndarray
+    inputs: np.ndarray
+    a: np.ndarray
+    b: np.ndarray
+    reference: np.ndarray
+    state_weights: np.ndarray
+    input_weights: np.ndarray
+    input_low: np.ndarray
+    input_high: np.ndarray
+    sparsity: Sparsity | None = None
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Solution:
+    """Plans of n environments.
+
+    Args:
+        inputs: (n, N, nu), inside the box; meaningful where `status` is SOLVED.
+        status: (n,) int8, values of `Status`.
+        iterations: (n,) int64, the solver's own count.
+    """
+
+    inputs: np.ndarray
+    status: np.ndarray
+    iterations: np.ndarray
+
+
+class Solver(Protocol):
+    """A pure function of the problem: the same bits for the same problem, whatever came before.
+
+    Attributes:
+        screens: It looks for problems that are not finite itself and gives them the status
+            NOT_FINITE; otherwise it is never shown one.
+    """
+
+    screens: ClassVar[bool]
+
+    def solve(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
+        """Solve the n problems.
+
+        Args:
+            problem: What to solve.
+            careful: Use the solver's safer, slower settings (a retry after a failure).
+        """
+        ...

@@ -1,0 +1,444 @@
+"""The rollout engine: the only place where an environment is stepped."""
+
+from __future__ import annotations
+
+import sys
+from collections import deque
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zoac.controllers.live_controller import LiveController, state_of
+from zoac.core.errors import ControllerError, EnvironmentFailure, UnsavableError, ZoacError, suggest
+from zoac.core.seeding import stream_seed
+from zoac.core.segments import Proposal, Segment
+from zoac.core.state import OwnObject
+from zoac.rollout.buffer import Recording
+
+if TYPE_CHECKING:
+    from zoac.core.task import Task
+
+
+@dataclass(slots=True)
+class _Running:
+    """An environment's current proposal."""
+
+    index: int
+    first_row: int
+    horizon: int | None
+    starts_episode: bool
+    resume: dict[str, Any] | None
+
+
+class RolloutEngine:
+    """Environments stepped side by side, each with its own episode, random stream and memory.
+
+    What an environment does depends on nothing but its own seed and proposals, so results are the
+    same bits however environments are spread over groups and processes.
+    """
+
+    def __init__(self, task: Task, env_indices: Sequence[int], seeds: Sequence[int]) -> None:
+        """
+        Args:
+            task: Gives environment, controller and parameter space.
+            env_indices: The ids of this group's environments, as proposals name them.
+            seeds: One seed an environment, for its random stream.
+        """
+        self.n = len(env_indices)
+        self._space = task.space
+        self._env = task.make_env(self.n)
+        self._controller = task.make_controller()
+        self._row_of = {env_index: row for row, env_index in enumerate(env_indices)}
+        self._env_indices = tuple(env_indices)
+        self._seeds = tuple(seeds)
+        self._first_seeds: list[int | None] = list(seeds)
+        self._restarts = np.zeros(self.n, dtype=np.int64)
+        self._task = task
+        self._told = False  # that an environment could not be copied
+        self._action_shape = tuple(self._env.single_action_space.shape or ())
+        self._observations = np.zeros((self.n, *(self._env.single_observation_space.shape or ())))
+        self._initial_memory = _copied(self._controller.init(self.n))
+        self._memory = _copied(self._initial_memory)
+        self._needs_reset = np.ones(self.n, dtype=bool)
+        self._steps = np.zeros(self.n, dtype=np.int64)  # since the start of the episode
+        self._everyone = np.arange(self.n)
+        self._penalty = task.failure_penalty
+        self._parameter_names = (*self._space.names, *task.fixed)
+        self._failures: dict[int, str] = {}  # why environments fail at this step
+        self._not_begun: dict[int, str] = {}  # why environments could not begin their episode
+        # One contiguous row of n values per parameter.
+        self._values = np.zeros((len(self._space.names), self.n))
+        self._parameters = dict(zip(self._space.names, self._values, strict=True))
+
+    def rollout(self, proposals: Sequence[Proposal]) -> list[Segment]:
+        """Run all proposals; return their segments in the same order.
+
+        Raises:
+            ControllerError: If the controller raises or returns unusable actions.
+            EnvironmentFailure: If the environment raises or returns what is not finite. Where the
+                task has a `failure_penalty`, either ends the episode instead, and that step costs
+                so much.
+        """
+        values = self._space.values(np.stack([p.x for p in proposals])) if proposals else None
+        queues: list[deque[int]] = [deque() for _ in range(self.n)]
+        for index, proposal in enumerate(proposals):
+            queues[self._row_of[proposal.env_index]].append(index)
+        running: list[_Running | None] = [None] * self.n
+        remaining = np.full(self.n, -1, dtype=np.int64)
+        active = np.zeros(self.n, dtype=bool)
+        record = Recording(self.n, self._observations.shape[1:], self._action_shape)
+        segments: list[Segment | None] = [None] * len(proposals)
+
+        def begin(env_index: int) -> None:
+            active[env_index] = bool(queues[env_index])
+            running[env_index] = None
+            if not active[env_index]:
+                return
+            index = queues[env_index].popleft()
+            assert values is not None
+            self._values[:, env_index] = values[index]
+            running[env_index] = self._stand(env_index, index, proposals[index], record.rows)
+            horizon = proposals[index].horizon
+            remaining[env_index] = -1 if horizon is None else horizon
+
+        for env_index in range(self.n):
+            begin(env_index)
+        while active.any():
+            before = self._observations
+            actions, commands, costs, terminated, truncated, diagnostics = self._advance(active)
+            record.append(before, actions, commands, costs, diagnostics)
+            self._steps += active
+            remaining -= 1
+            over = (terminated | truncated | (remaining == 0)) & active
+            if not over.any():
+                continue
+            for env_index in np.flatnonzero(over).tolist():
+                run = running[env_index]
+                assert run is not None
+                ended, cut = bool(terminated[env_index]), bool(truncated[env_index])
+                segments[run.index] = Segment(
+                    proposal=proposals[run.index],
+                    terminated=ended,
+                    truncated=cut,
+                    starts_episode=run.starts_episode,
+                    failure=self._failures.get(env_index),
+                    **record.cut(run.first_row, env_index, self._observations[env_index]),
+                )
+                self._needs_reset[env_index] = ended or cut
+                if ended or cut:
+                    self._begin_controller(env_index)
+                if run.resume is not None:
+                    self._restore_env(env_index, run.resume)
+                elif proposals[run.index].seed is not None:
+                    self._needs_reset[env_index] = True
+                begin(env_index)
+        return [segment for segment in segments if segment is not None]
+
+    def _advance(self, active: np.ndarray) -> tuple[Any, ...]:
+        """Let controllers act and environments step where `active` (n,) holds; price failures.
+
+        Returns:
+            Actions and commands (n, m), costs, terminated and truncated (n,), and the controllers'
+            diagnostics.
+        """
+        self._failures, self._not_begun = self._not_begun, {}
+        moves = active.copy()
+        moves[list(self._failures)] = False
+        everyone = bool(moves.all())
+        commands, diagnostics = self._act(None if everyone else np.flatnonzero(moves))
+        before = self._observations
+        self._observations, _, terminated, truncated, infos = self._env.step(
+            commands, None if everyone else moves
+        )
+        costs, failures = infos["cost"], dict(infos.get("failures", {}))
+        if self._penalty is not None:
+            finite = np.isfinite(costs) & np.isfinite(self._observations.reshape(self.n, -1)).all(1)
+            for env_index in np.flatnonzero(moves & ~finite).tolist():
+                self._observations[env_index] = before[env_index]
+                failures[env_index] = EnvironmentFailure(
+                    "the environment returned an observation or a cost that is not finite"
+                )
+        for env_index, failure in failures.items():
+            self._begin_anew(env_index)
+            if env_index not in self._failures:
+                self._failures[env_index] = self._priced(
+                    failure, f"{failure}. {self._place(env_index)}"
+                )
+        if self._failures:
+            failed = np.zeros(self.n, dtype=bool)
+            failed[list(self._failures)] = True
+            terminated, truncated = terminated | failed, truncated & ~failed
+            costs = np.where(failed, self._penalty, costs)
+        actions = infos.get("actions", commands)
+        return actions, commands, costs, terminated, truncated, diagnostics
+
+    def _priced(self, failure: ZoacError, told: str) -> str:
+        """Return what is told of a failure, if the task prices failures; else raise it.
+
+        Raises:
+            ControllerError: If the controller failed and there is no penalty.
+            EnvironmentFailure: If the environment did.
+        """
+        if self._penalty is not None:
+            return told
+        raise type(failure)(f"{told}. {REMEDY}") from failure.__cause__
+
+    def _stand(self, env_index: int, index: int, proposal: Proposal, row: int) -> _Running:
+        """Bring `environment` to where `proposal` starts."""
+        resume = None
+        if proposal.seed is not None:
+            resume = self._copied_lane(env_index)
+            if resume is None:
+                self._begin_anew(env_index)
+            self._reset(env_index, proposal.seed)
+        else:
+            whole_episode = proposal.horizon is None and self._steps[env_index] > 0
+            if self._needs_reset[env_index] or whole_episode:
+                seed, self._first_seeds[env_index] = self._first_seeds[env_index], None
+                self._reset(env_index, seed)
+            if proposal.restore:
+                resume = self._copied_lane(env_index)
+        return _Running(index, row, proposal.horizon, bool(self._steps[env_index] == 0), resume)
+
+    def _begin_anew(self, env_index: int) -> None:
+        """Have `environment`, which failed or cannot be put back, start an episode of its own next."""
+        self._restarts[env_index] += 1
+        seed = stream_seed(self._seeds[env_index], "restart", int(self._restarts[env_index]))
+        self._first_seeds[env_index] = seed
+
+    def _reset(self, env_index: int, seed: int | None) -> None:
+        mask = np.zeros(self.n, dtype=bool)
+        mask[env_index] = True
+        seeds: list[int | None] = [None] * self.n
+        seeds[env_index] = seed
+        self._steps[env_index] = 0
+        observations, infos = self._env.reset(seed=seeds, options={"reset_mask": mask})
+        if (failure := infos.get("failures", {}).get(env_index)) is not None:
+            self._not_begun[env_index] = self._priced(
+                failure, f"{failure}. {self._place(env_index)}"
+            )
+            self._begin_anew(env_index)
+        self._observations = self._observations.copy()
+        self._observations[env_index] = observations[env_index]
+        self._set_memory(env_index, {k: v[env_index] for k, v in self._initial_memory.items()})
+        self._begin_controller(env_index)
+        self._needs_reset[env_index] = env_index in self._not_begun
+
+    def _live(self, env_index: int) -> dict[str, LiveController]:
+        """Return the controller objects of an environment that change in place, by the memory's name."""
+        rows = {name: value[env_index] for name, value in self._initial_memory.items()}
+        return {name: row for name, row in rows.items() if isinstance(row, LiveController)}
+
+    def _begin_controller(self, env_index: int) -> None:
+        """Have a controller object that changes in place begin an episode; see `LiveController`."""
+        for live in self._live(env_index).values():
+            live.begin()
+
+    def _set_memory(self, env_index: int, row: Mapping[str, np.ndarray]) -> None:
+        self._memory = _copied(self._memory)
+        for name, value in row.items():
+            self._memory[name][env_index] = value
+
+    def _act(self, env_indices: np.ndarray | None) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
+        """Return actions (n, m) and diagnostics; only `environments` act, if given."""
+        if env_indices is not None and not len(env_indices):
+            return np.zeros((self.n, *self._action_shape)), {}
+        if env_indices is None:
+            actions, memory, diagnostics = self._call(
+                self._parameters, self._observations, self._memory, self._everyone
+            )
+            self._memory = dict(memory)
+            return actions, diagnostics
+        some, memory, some_diagnostics = self._call(
+            {name: value[env_indices] for name, value in self._parameters.items()},
+            self._observations[env_indices],
+            {name: value[env_indices] for name, value in self._memory.items()},
+            env_indices,
+        )
+        self._memory = _copied(self._memory)
+        for name, rows in memory.items():
+            self._memory[name][env_indices] = rows
+        actions = np.zeros((self.n, *self._action_shape))
+        actions[env_indices] = some
+        return actions, {
+            name: _scatter(v, env_indices, self.n) for name, v in some_diagnostics.items()
+        }
+
+    def _call(
+        self,
+        parameters: Mapping[str, np.ndarray],
+        observations: np.ndarray,
+        memory: Mapping[str, np.ndarray],
+        env_indices: np.ndarray,
+    ) -> tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]:
+        """Ask the controller; with a penalty, an environment whose controller fails acts with zero."""
+        # Which environment fails is seen by asking one at a time; twice only what cannot remember.
+        if len(env_indices) == 1 or not self._live(0):
+            try:
+                return self._checked_call(parameters, observations, memory, env_indices)
+            except ControllerError as error:
+                raised = error.__cause__ is not None
+                told = (
+                    str(error)
+                    if raised and len(env_indices) > 1
+                    else self._priced(error, str(error))
+                )
+                if len(env_indices) == 1:
+                    self._failures[int(env_indices[0])] = told
+                    return np.zeros((1, *self._action_shape)), memory, {}
+        parts = []
+        for row in range(len(env_indices)):
+            one = slice(row, row + 1)
+            parts.append(
+                self._call(
+                    {name: value[one] for name, value in parameters.items()},
+                    observations[one],
+                    {name: value[one] for name, value in memory.items()},
+                    env_indices[one],
+                )
+            )
+        return _joined(parts)
+
+    def _checked_call(
+        self,
+        parameters: Mapping[str, np.ndarray],
+        observations: np.ndarray,
+        memory: Mapping[str, np.ndarray],
+        env_indices: np.ndarray,
+    ) -> tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]:
+        """Ask the controller, and see that its actions can be used."""
+        try:
+            actions, memory, diagnostics = self._controller.act(parameters, observations, memory)
+        except ZoacError:
+            raise
+        except Exception as error:
+            raise ControllerError(
+                f"the controller raised {type(error).__name__}: {error}{self._nearest(error)}. "
+                f"{self._place(env_indices[0])}"
+            ) from error
+        actions = np.asarray(actions, dtype=np.float64)
+        expected = (len(env_indices), *self._action_shape)
+        if actions.shape != expected:
+            raise ControllerError(
+                f"the controller returned actions of shape {actions.shape}, expected {expected} "
+                f"(environments, action size). {self._place(env_indices[0])}"
+            )
+        finite = np.isfinite(actions)
+        if not finite.all():
+            row = int(np.flatnonzero(~finite.reshape(len(env_indices), -1).all(axis=1))[0])
+            raise ControllerError(
+                f"the controller returned the action {actions[row].tolist()}; every number must "
+                f"be finite. {self._place(env_indices[row])}"
+            )
+        return actions, memory, diagnostics
+
+    def _nearest(self, error: Exception) -> str:
+        """Return which parameters there are, if a controller asked for one that there is not."""
+        name = error.args[0] if isinstance(error, KeyError) and error.args else None
+        if not isinstance(name, str) or name in self._parameter_names:
+            return ""
+        return f" (no parameter has this name; {suggest(name, self._parameter_names)})"
+
+    def _place(self, env_index: int) -> str:
+        """Say for an error message where an environment stands."""
+        values = ", ".join(f"{name}={v[env_index]:.6g}" for name, v in self._parameters.items())
+        return (
+            f"Environment {self._env_indices[env_index]}, step {self._steps[env_index]} of its episode, "
+            f"parameters: {values}"
+        )
+
+    def _copied_lane(self, env_index: int) -> dict[str, Any] | None:
+        """Return a copy of an environment to put back later; None if it cannot be copied."""
+        if self._task.restore_fault is not None:
+            return None
+        try:
+            return self._snapshot(env_index)
+        except Exception as error:  # whatever a user's environment or controller raises
+            if not self._told:
+                self._told = True
+                print(
+                    f"an environment cannot be copied any more ({type(error).__name__}: {error}): it goes "
+                    "on from where it stands, and held-out episodes begin anew",
+                    file=sys.stderr,
+                )
+            return None
+
+    def _snapshot(self, env_index: int) -> dict[str, Any]:
+        return {
+            "env": self._env.state([env_index]),
+            "observation": self._observations[env_index].copy(),
+            "memory": {name: state_of(rows[env_index]) for name, rows in self._memory.items()},
+            "steps": int(self._steps[env_index]),
+            "needs_reset": bool(self._needs_reset[env_index]),
+            "first_seed": self._first_seeds[env_index],
+            "restarts": int(self._restarts[env_index]),
+        }
+
+    def _restore_env(self, env_index: int, snapshot: Mapping[str, Any]) -> None:
+        self._env.restore([env_index], snapshot["env"])
+        self._observations = self._observations.copy()
+        self._observations[env_index] = snapshot["observation"]
+        row = dict(snapshot["memory"])
+        live = self._live(env_index)
+        for name, value in row.items():
+            if name in live:
+                live[name].restore(value)
+                row[name] = live[name]
+            elif isinstance(value, OwnObject):
+                row[name] = value.value
+        self._set_memory(env_index, row)
+        self._steps[env_index] = snapshot["steps"]
+        self._needs_reset[env_index] = snapshot["needs_reset"]
+        self._first_seeds[env_index] = snapshot["first_seed"]
+        self._restarts[env_index] = snapshot["restarts"]
+
+    def state(self) -> dict[int, Any]:
+        """Return a copy of every environment's state, by environment id; see `zoac.core.state`.
+
+        Raises:
+            UnsavableError: If the environment cannot be put back to where it stood.
+        """
+        if self._task.save_fault is not None:
+            raise UnsavableError(self._task.save_fault)
+        return {env_index: self._snapshot(row) for env_index, row in self._row_of.items()}
+
+    def restore(self, state: Mapping[int, Any]) -> None:
+        """Put back the environments of `state` that belong to this group; others are left out."""
+        for env_index, row in self._row_of.items():
+            memory = deepcopy(state[env_index]["memory"])
+            self._restore_env(row, {**state[env_index], "memory": memory})
+
+    def close(self) -> None:
+        """Release the environment."""
+        self._env.close()
+
+
+REMEDY = "With failure_penalty=<cost>, such a step ends its episode at that cost instead of the run"
+
+
+def _joined(
+    parts: Sequence[tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]],
+) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return what environments answered one by one; diagnostics are zero where one failed."""
+    actions = np.concatenate([a for a, _, _ in parts])
+    memory = {name: np.concatenate([m[name] for _, m, _ in parts]) for name in parts[0][1]}
+    examples = {name: np.asarray(value) for _, _, d in parts for name, value in d.items()}
+    diagnostics = {
+        name: np.concatenate([np.asarray(d.get(name, np.zeros_like(v))) for _, _, d in parts])
+        for name, v in examples.items()
+    }
+    return actions, memory, diagnostics
+
+
+def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: np.array(value) for name, value in arrays.items()}
+
+
+def _scatter(rows: np.ndarray, env_indices: np.ndarray, n: int) -> np.ndarray:
+    rows = np.asarray(rows)
+    full = np.zeros((n, *rows.shape[1:]), rows.dtype)
+    full[env_indices] = rows
+    return full

@@ -1,0 +1,66 @@
+"""Fixed evaluation episodes: the same starts and disturbances for every tuner, seed and machine.
+
+Because all controllers meet the same episodes, differences between them are paired.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from zoac.core.seeding import stream_seed
+from zoac.core.segments import Proposal, Segment
+from zoac.core.task import Constraint, Metric
+from zoac.rollout.constraints import violations
+
+
+def evaluation_proposals(x: np.ndarray, episodes: int, seed: int) -> list[Proposal]:
+    """Return one whole-episode proposal per evaluation episode, each in an environment of its own.
+
+    Args:
+        x: Mapped parameters (d,).
+        episodes: How many of the fixed episodes.
+        seed: The seed of the evaluation episodes, not of the run.
+    """
+    return [
+        Proposal(x=x, env_index=k, seed=stream_seed(seed, "evaluation", k)) for k in range(episodes)
+    ]
+
+
+def evaluation_row(
+    segments: Sequence[Segment],
+    metrics: Sequence[Metric],
+    constraints: Sequence[Constraint] = (),
+) -> dict[str, Any]:
+    """Return the numbers of an evaluation, with undiscounted plain costs.
+
+    Metrics leave out steps that failed; the mean over no step at all is None.
+
+    Raises:
+        ConfigError: If a metric or constraint does not return one number per step.
+    """
+    costs = np.array([s.costs.sum() for s in segments])
+    row: dict[str, Any] = {
+        "cost_mean": float(costs.mean()),
+        "cost_std": float(costs.std(ddof=1)) if len(costs) > 1 else 0.0,
+        "cost_per_episode": costs.tolist(),
+        "episode_lengths": [s.length for s in segments],
+        "terminations": sum(s.terminated for s in segments),
+        **violations(segments, constraints),
+    }
+    for metric in metrics:
+        measured = [s.measured() for s in segments]
+        values = np.concatenate([np.zeros(0), *(metric.values(s) for s in measured if s.length)])
+        if metric.reduce == "sum":
+            row[metric.name] = _sum(values)
+        else:
+            row[metric.name] = float(values.mean()) if len(values) else None
+    return row
+
+
+def _sum(values: np.ndarray) -> int | float:
+    """Return the sum of values (T,); counts stay whole numbers."""
+    whole = np.all(np.isfinite(values)) and np.all(values == np.floor(values))
+    return int(values.sum()) if whole else float(values.sum())

@@ -1,0 +1,231 @@
+"""What a run finds out about environment and controller, by trying, before it relies on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import zip_longest
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+
+from zoac.controllers.live_controller import live_in
+from zoac.core.segments import Proposal
+from zoac.core.state import decode, encode
+from zoac.envs.base import VecEnv
+from zoac.rollout.engine import RolloutEngine
+
+if TYPE_CHECKING:
+    from zoac.core.task import Memory, Task
+
+STEPS = 20
+"""Steps of the trial from a saved state, and again after the next reset."""
+
+SEEDS = (1, 2)
+"""Of the episode that is saved and of the one after it."""
+
+
+def restore_fault(make_env: Callable[[int], VecEnv], pickled: bool = False) -> str | None:
+    """Save an environment in mid-episode, put it back, and compare how it goes on.
+
+    The environment runs on for `STEPS` steps and into another episode. Put back, it must show the
+    same bits again.
+
+    Args:
+        make_env: Makes an environment of n environments; what it makes is closed again.
+        pickled: The state goes through a pickle into another environment, as a checkpoint does.
+
+    Returns:
+        What went wrong, for people to read; None: nothing.
+    """
+    env = make_env(1)
+    other = make_env(1) if pickled else env
+    shape = env.single_action_space.shape or ()
+    actions = np.random.default_rng(0).standard_normal((STEPS, *shape))
+    try:
+        _stand_in_mid_episode(env, actions)
+        try:
+            state = env.state([0])
+            if pickled:
+                state = decode(encode(state))
+            expected = _onwards(env, actions)
+            other.restore([0], state)
+        except Exception as error:  # whatever a user's environment raises when it is copied
+            return f"copying it raised {type(error).__name__}: {error}"
+        found = _onwards(other, actions)
+    finally:
+        env.close()
+        other.close()
+    if (step := first_difference(expected, found)) is None:
+        return None
+    shown = found[min(step, len(found) - 1)]
+    if isinstance(shown, str):
+        return f"put back to where it stood, it fails: {shown}"
+    return (
+        f"put back to where it stood, it goes on otherwise at step {step + 1}: "
+        f"{'pickle' if pickled else 'deepcopy'} misses a part, shares it or builds it anew"
+    )
+
+
+EPISODES = 3
+"""Episodes from which the length of those without a time limit is told."""
+
+
+class Horizon(NamedTuple):
+    """How long the episodes of a task are.
+
+    Args:
+        steps: Of the longest one.
+        source: "limit": that is the time limit; "truncation": the environment truncated its first
+            episodes by itself; "termination": they terminated, and others may be longer.
+    """
+
+    steps: int
+    source: Literal["limit", "truncation", "termination"]
+
+    @property
+    def remark(self) -> str:
+        """What the first lines of a run say of it; nothing where there is a time limit."""
+        told = {
+            "limit": "",
+            "truncation": "truncated by the environment itself after {:,} steps",
+            "termination": f"no time limit; {{:,}} steps in the longest of {EPISODES}, with which "
+            "the tuner plans; give max_episode_steps if others take longer",
+        }
+        return told[self.source].format(self.steps)
+
+
+def horizon(task: Task) -> Horizon:
+    """Return the time limit; where there is none, run episodes with the baseline parameters.
+
+    Without baseline parameters those in the middle of the space are taken.
+
+    Raises:
+        ConfigError: If an episode does not end.
+    """
+    env = task.make_env(1)
+    env.close()
+    if env.limited:
+        return Horizon(env.max_episode_steps, "limit")
+    x = (
+        np.zeros(task.space.dimension)
+        if task.baseline is None
+        else task.space.normalise(task.baseline)
+    )
+    group = RolloutEngine(task, [0], [SEEDS[0]])
+    try:
+        segments = group.rollout([Proposal(x, 0)] * EPISODES)
+    finally:
+        group.close()
+    longest = max(segments, key=lambda s: s.length)
+    return Horizon(longest.length, "truncation" if longest.truncated else "termination")
+
+
+def controller_fault(task: Task, pickled: bool = False) -> str | None:
+    """Save a controller object in mid-episode, put it back, and compare how it goes on.
+
+    Args:
+        task: Gives the controller; one whose memory is arrays needs no trial.
+        pickled: The state goes through a pickle into another object, as a checkpoint does.
+
+    Returns:
+        What went wrong, for people to read; None: nothing.
+    """
+    controller = task.make_controller()
+    memory = controller.init(1)
+    if not live_in(memory):
+        return None
+    env = task.make_env(1)
+    shape = env.single_observation_space.shape or ()
+    env.close()
+    observations = np.random.default_rng(0).standard_normal((STEPS, 1, *shape))
+    values = task.space.values(np.zeros(task.space.dimension))
+    parameters = {name: v[None] for name, v in zip(task.space.names, values, strict=True)}
+
+    def shown(memory: Memory, first: int, end: int) -> list[bytes | str]:
+        try:
+            return [
+                np.asarray(controller.act(parameters, o.copy(), memory)[0]).tobytes()
+                for o in observations[first:end]
+            ]
+        except Exception as error:  # whatever a user's controller raises
+            return [f"{type(error).__name__}: {error}"]
+
+    shown(memory, 0, STEPS // 2)
+    try:
+        states = [live.state() for live in live_in(memory)]
+        if pickled:
+            states = decode(encode(states))
+        expected = shown(memory, STEPS // 2, STEPS)
+        other = controller.init(1) if pickled else memory
+        for live, state in zip(live_in(other), states, strict=True):
+            live.restore(state)
+    except Exception as error:  # whatever a user's controller raises when it is copied
+        return (
+            f"saving the controller raised {type(error).__name__}: {error}; get_state() and "
+            "set_state(state) tell what of it lasts"
+        )
+    if shown(other, STEPS // 2, STEPS) == expected:
+        return None
+    return (
+        "the controller, put back to where it stood, goes on otherwise; get_state() and "
+        "set_state(state) tell what of it lasts"
+    )
+
+
+def _stand_in_mid_episode(env: VecEnv, actions: np.ndarray) -> None:
+    """Step up to `STEPS` / 2 steps into an episode, fewer if it ends before."""
+    for steps in (STEPS // 2, 3, 1, 0):
+        rows = played(env, actions[:steps], SEEDS[0])
+        if len(rows) == steps + 1 and not _ended(rows):
+            return
+
+
+def _onwards(env: VecEnv, actions: np.ndarray) -> list[bytes | str]:
+    return played(env, actions) + played(env, actions, SEEDS[1])
+
+
+def _ended(rows: list[bytes | str]) -> bool:
+    return isinstance(rows[-1], str) or rows[-1].endswith(b"\x01")
+
+
+def played(env: VecEnv, actions: np.ndarray, seed: int | None = None) -> list[bytes | str]:
+    """Return what each step of one environment shows, up to the end of its episode.
+
+    Args:
+        env: An environment of one environment.
+        actions: (T, m).
+        seed: Of a new episode; None: go on.
+
+    Returns:
+        Observation, cost and end as bytes, or what was raised; with `seed` the reset's first.
+    """
+    rows: list[bytes | str] = []
+    try:
+        for row in _rows(env, actions, seed):
+            rows.append(row)
+            if _ended(rows):
+                break
+    except Exception as error:  # whatever a user's environment raises
+        rows.append(f"{type(error).__name__}: {error}")
+    return rows
+
+
+def _rows(env: VecEnv, actions: np.ndarray, seed: int | None) -> Iterator[bytes | str]:
+    if seed is not None:
+        observations, infos = env.reset(seed=[seed])
+        yield _row(infos, observations[0], np.zeros(1, bool))
+    for action in actions:
+        observations, _, terminated, truncated, infos = env.step(action[None])
+        yield _row(infos, observations[0], infos["cost"], terminated | truncated)
+
+
+def _row(infos: dict[str, Any], *shown: np.ndarray) -> bytes | str:
+    if (failure := infos.get("failures", {}).get(0)) is not None:
+        return str(failure)
+    return b"".join(np.ascontiguousarray(array).tobytes() for array in shown)
+
+
+def first_difference(one: list[bytes | str], other: list[bytes | str]) -> int | None:
+    """Return the first step at which what `played` returned differs; None: nowhere."""
+    rows = enumerate(zip_longest(one, other))
+    return next((step for step, (a, b) in rows if a != b), None)

@@ -1,0 +1,186 @@
+"""What tuning found, and the task that it was found on, from a run folder."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from zoac.config import factory
+from zoac.config.validate import TARGET
+from zoac.core.errors import RunFolderError
+from zoac.core.task import Task
+from zoac.runs import schema
+from zoac.runs.export import TunedController, export
+from zoac.runs.trust import foreign_code
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def task_from_config(config: Mapping[str, Any]) -> Task:
+    """Return the task of a run, from the `config` in its `run.json`."""
+    return factory.build_task(config)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What tuning found.
+
+    Args:
+        parameters: By name, physical values, fixed ones included.
+        cost_mean: Mean cost of the final evaluation episodes.
+        cost_per_episode: Of each of them.
+        baseline_cost_mean: Mean cost of the baseline values on the same episodes; None without any.
+        warnings: What is wrong with the answer, one sentence each: it costs more than the start
+            values, it breaks a constraint, an earlier evaluation was clearly better.
+        env_steps: Spent on tuning.
+        folder: The run folder, with everything that was logged.
+        record: The content of `result.json`: metrics, violations, the gate's verdict, times.
+        task: What was tuned; None if it is to be found again from the folder.
+        trust_code: Whether that may load code that the folder names or holds.
+    """
+
+    parameters: dict[str, Any]
+    cost_mean: float
+    cost_per_episode: list[float]
+    baseline_cost_mean: float | None
+    warnings: list[str]
+    env_steps: int
+    folder: Path
+    record: Mapping[str, Any] = field(repr=False)
+    task: Task | None = field(default=None, repr=False)
+    trust_code: bool = field(default=False, repr=False)
+
+    @property
+    def history(self) -> pd.DataFrame:
+        """The rows of `metrics.jsonl`."""
+        import pandas as pd
+
+        return pd.DataFrame(schema.read_metrics(self.folder))
+
+    def controller(self) -> TunedController:
+        """Return the tuned controller: `action = controller(observation)`, and `reset()`.
+
+        Raises:
+            RunFolderError: If the task is not known, and cannot be built from the folder or needs
+                code that is not trusted.
+        """
+        task = self.task or task_of_run(self.folder, trust_code=self.trust_code)
+        return TunedController(task, self.parameters)
+
+    def export(self, path: str | Path) -> Path:
+        """Write the parameters as `.yaml`, `.json`, `.h` (C) or `.m` (MATLAB); return the path.
+
+        Raises:
+            ConfigError: If the suffix is none of these, or the file cannot be written; see
+                `zoac.runs.export.export`.
+        """
+        units = {p["name"]: p["unit"] for p in schema.read_run(self.folder)["parameters"]}
+        return export(self.parameters, path, units)
+
+
+def load_result(
+    folder: str | Path, task: Task | None = None, *, trust_code: bool = False
+) -> Result:
+    """Return the result of a finished run, by `zoac.tune` or the command line.
+
+    This reads numbers and text. Only `Result.controller` needs the task.
+
+    Args:
+        folder: The run folder.
+        task: What was tuned, where it cannot be found again from the folder.
+        trust_code: Let `Result.controller` load modules that the folder names, and the pickle that
+            it may hold. Either can run any code: only for folders of people whom you trust.
+
+    Raises:
+        RunFolderError: If there is no finished run, or `run.json` does not say which parameters
+            were fixed.
+    """
+    folder = Path(folder).expanduser()
+    record, run = schema.read_result(folder), schema.read_run(folder)
+    if "fixed" not in run:
+        raise RunFolderError(
+            f"{folder / schema.RUN} does not say which parameters were fixed; expected the key "
+            "'fixed', as this version of zoac writes it"
+        )
+    return result_of(record, run["fixed"], folder, task, trust_code)
+
+
+def result_of(
+    record: Mapping[str, Any],
+    fixed: Mapping[str, float],
+    folder: Path,
+    task: Task | None,
+    trust_code: bool = False,
+) -> Result:
+    """Return the result of a run whose `result.json` holds `record`."""
+    return Result(
+        parameters={**record["parameters"], **fixed},
+        cost_mean=record["cost_mean"],
+        cost_per_episode=record["cost_per_episode"],
+        baseline_cost_mean=record.get("baseline_cost_mean"),
+        warnings=record.get("warnings", []),  # a run of before has none
+        env_steps=record["env_steps"],
+        folder=folder,
+        record=record,
+        task=task,
+        trust_code=trust_code,
+    )
+
+
+def task_of_run(
+    folder: Path, config: Mapping[str, Any] | None = None, *, trust_code: bool = False
+) -> Task:
+    """Return the task that a run tuned: from its configuration, or from the pickle that it kept.
+
+    Args:
+        folder: The run folder.
+        config: The run's configuration, if it is known.
+        trust_code: Whether that may load code that is not zoac's own.
+
+    Raises:
+        RunFolderError: If it cannot be built, or needs code that is not trusted.
+    """
+    if config is None:
+        config = schema.read_run(folder)["config"]
+    by_config, pickled = TARGET in config["task"], folder / schema.TASK
+    if not by_config and not pickled.is_file():
+        raise _not_built(folder, "it could not be pickled")
+    needed = foreign_code(config["task"]) if by_config else [f"the pickle {pickled.name}"]
+    if needed and not trust_code:
+        raise RunFolderError(
+            f"{folder}: its task would load code that is not zoac's own ({', '.join(needed)}). "
+            "Such code can do anything. If you trust who wrote it, allow it: trust_code=True in "
+            "load_result, --trust-code at a command"
+        )
+    try:
+        return task_from_config(config) if by_config else _unpickled(pickled)
+    except Exception as error:  # whatever the modules that it needs raise
+        raise _not_built(folder, f"{type(error).__name__}: {error}") from error
+
+
+def _not_built(folder: Path, reason: str) -> RunFolderError:
+    return RunFolderError(
+        f"{folder}: its task cannot be built again ({reason}); give it to load_result"
+    )
+
+
+def _unpickled(path: Path) -> Task:
+    import cloudpickle
+
+    return cloudpickle.loads(path.read_bytes())
+
+
+def keep_task(task: Task, folder: Path) -> None:
+    """Write the task beside its run, if it can be pickled."""
+    import cloudpickle
+
+    try:
+        content = cloudpickle.dumps(task)
+    except Exception as error:  # an environment may hold anything
+        print(f"{folder}: the task is not kept: {error}", file=sys.stderr)
+        return
+    schema.write_atomically(folder / schema.TASK, content)

@@ -1,0 +1,1 @@
+"""What any tuner can be combined with."""

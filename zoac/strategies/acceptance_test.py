@@ -1,0 +1,175 @@
+"""Starting from today's gains: how far to search, and whether to accept what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from zoac.core.errors import ConfigError
+from zoac.core.segments import Proposal, Segment
+from zoac.core.tuner import Problem, Tuner
+from zoac.strategies.held_out import HeldOut, ReservedSteps
+from zoac.strategies.paired_comparison import MIN_PAIRS, Comparison, compare
+
+WIDEST, NARROWEST = 0.3, 0.03
+"""Standard deviation of the search in the mapped box at trust 0 and at trust 1."""
+
+
+def spread(trust: float) -> float:
+    """Return the search's standard deviation in the mapped box, geometric in `trust` in [0, 1]."""
+    return WIDEST * (NARROWEST / WIDEST) ** trust
+
+
+def trusted(options: Mapping[str, Any], trust: float) -> dict[str, Any]:
+    """Return a tuner's options with the search set by how far the baseline values are trusted.
+
+    The tuner begins at the baseline parameters; `sigma` or `spread`, whichever it has, follows from
+    `trust`, ZOAC's step sizes in proportion; a choice among random starting points is left out.
+
+    Args:
+        options: Of the tuner, by name.
+        trust: 0: good values may lie far away; 1: these are nearly right.
+
+    Raises:
+        ConfigError: If the tuner cannot be told a start and a spread.
+    """
+    width = next((name for name in ("sigma", "initial_sigma") if name in options), None)
+    if width is None or "start" not in options:
+        raise ConfigError(
+            "trust needs a tuner with a start and a spread: zoac, zoac_plus, es, cmaes or nevergrad"
+        )
+    chosen = {**options, "start": "baseline", width: spread(trust)}
+    if width == "sigma":
+        factor = spread(trust) / options["sigma"]
+        steps = {k: v for k, v in options.items() if k.startswith("step_size") and v is not None}
+        chosen |= {k: v * factor for k, v in steps.items()}
+    if "halving_fraction" in options:
+        chosen["halving_fraction"] = 0.0
+    return chosen
+
+
+class AcceptanceTest(ReservedSteps):
+    """A tuner whose answer must beat the baseline values on held-out episodes, or they stay.
+
+    The last share of the budget goes to pairs of episodes from common seeds that the search never
+    saw: one with the baseline values, one with what the tuner recommends. Their number is settled
+    before the first; `Comparison` decides after the last. Without it, the baseline values stay.
+    """
+
+    def __init__(self, tuner: Tuner, problem: Problem, fraction: float) -> None:
+        """
+        Args:
+            tuner: Who searches; its own problem has the budget that is left for it.
+            problem: What is tuned, with the whole budget and baseline parameters, the start.
+            share: Of the budget, for held-out episodes.
+
+        Raises:
+            ConfigError: If there are no baseline values.
+        """
+        if problem.start is None:
+            raise ConfigError(
+                "gate: there are no baseline values (baseline parameters) to compare to"
+            )
+        super().__init__(tuner, problem, fraction)
+        self._start = problem.start
+        self._pairs = 0  # how many will be run
+        self._episodes = HeldOut(problem, "acceptance_test")
+
+    def _begin(self) -> None:
+        self._episodes.enter(self._start)
+        self._episodes.enter(self._tuner.recommend())
+        if not self._candidate_is_start:
+            self._pairs = self._left // (2 * self._longest)
+
+    @property
+    def _candidate_is_start(self) -> bool:
+        return not self._searching and bool(np.ptp(self._episodes.candidates, axis=0).max() == 0)
+
+    def _ask_after(self) -> list[Proposal]:
+        left = self._pairs - len(self._episodes.costs)
+        return self._episodes.ask_within(self._episodes.steps(left)) if left else []
+
+    def _tell_after(self, segments: Sequence[Segment]) -> dict[str, float]:
+        self._episodes.tell(segments)
+        names = "acceptance_baseline_cost", "acceptance_candidate_cost"
+        means = zip(names, _finite_means(self._episodes.costs), strict=True)
+        return {name: mean for name, mean in means if mean is not None}
+
+    @property
+    def comparison(self) -> Comparison | None:
+        """The comparison of start and candidate; None until all its pairs have been run."""
+        if not self._pairs or len(self._episodes.costs) < self._pairs:
+            return None
+        return compare(self._episodes)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the candidate has proved better than the start."""
+        return self.comparison is not None and self.comparison.accepted
+
+    def recommend(self) -> np.ndarray:
+        """Return the tuner's recommendation while it searches; then what passed the gate."""
+        if self._searching:
+            return self._tuner.recommend()
+        return self._episodes.candidates[1] if self.accepted else self._start.copy()
+
+    def outcome(self) -> dict[str, Any]:
+        """Return the gate's verdict for `result.json`."""
+        episodes, comparison = self._episodes, self.comparison
+        start, candidate = _finite_means(episodes.costs)
+        failures = [int(count) for count in episodes.failed.sum(axis=0)] or [0, 0]
+        verdict = {
+            "accepted": self.accepted,
+            "pairs": len(episodes.costs),
+            "candidate_is_start": self._candidate_is_start,
+            "baseline_cost_mean": start,
+            "candidate_cost_mean": candidate,
+            "start_failures": failures[0],
+            "candidate_failures": failures[1],
+            "p_value": None if comparison is None else comparison.p_value,
+            "text": self._not_run() if comparison is None else comparison.text,
+        }
+        return {**super().outcome(), "acceptance_test": verdict}
+
+    def _not_run(self) -> str:
+        if self._candidate_is_start:
+            return "the search recommends the baseline values themselves"
+        if self._pairs:
+            done = len(self._episodes.costs)
+            return f"the test was not finished: {done} of {self._pairs} pairs of episodes were run"
+        return (
+            f"the test could not be run: a pair of episodes may take {2 * self._longest:,} steps, "
+            f"and {max(0, self._left):,} were left for it"
+        )
+
+    def state(self) -> Any:
+        """See `Tuner.state`."""
+        return {**super().state(), "pairs": self._pairs, "episodes": self._episodes.state()}
+
+    def restore(self, state: Any) -> None:
+        """See `Tuner.restore`."""
+        super().restore(state)
+        self._pairs = state["pairs"]
+        self._episodes.restore(state["episodes"])
+
+    def describe(self) -> dict[str, Any]:
+        """Return the tuner's choices and the gate."""
+        reserved = self._problem.budget - self._search_steps
+        pairs = reserved // (2 * self._problem.max_episode_steps)
+        told = f"last {self._fraction:.0%} of the budget, against the baseline values"
+        if pairs < MIN_PAIRS:
+            told += (
+                f"; that is sure to pay for {pairs} pairs of episodes, and fewer than {MIN_PAIRS} "
+                "accept nothing"
+            )
+        return {**super().describe(), "acceptance_test": told}
+
+
+def _finite_means(costs: np.ndarray) -> tuple[float | None, float | None]:
+    """Return the mean costs of start and candidate, None where there is no finite one."""
+    if not len(costs):
+        return None, None
+    start, candidate = (float(m) if np.isfinite(m) else None for m in costs.mean(axis=0))
+    return start, candidate

@@ -1,0 +1,141 @@
+"""The answer of a run is the best of its evaluated recommendations, not the last one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from zoac.core.errors import ConfigError
+from zoac.core.segments import Proposal, Segment
+from zoac.core.tuner import Problem, Tuner
+from zoac.strategies.held_out import HeldOut, ReservedSteps
+
+SELECTION_FRACTION = 0.2
+"""Of the budget, for held-out episodes on which the answer is chosen."""
+
+MIN_EPISODES = 2
+"""Of every candidate, at least."""
+
+
+class BestEvaluated(ReservedSteps):
+    """A tuner whose answer is chosen among what it recommended on the way, and the baseline.
+
+    Candidates are the recommendations that the run evaluated, the last one and the baseline. They
+    meet on common episodes that neither the search nor any evaluation sees, by successive halving:
+    each round drops the worse half and costs as many steps as any other.
+    """
+
+    def __init__(self, tuner: Tuner, problem: Problem, every: int) -> None:
+        """
+        Args:
+            tuner: Who searches; its own problem has the budget that is left for it.
+            problem: What is tuned, with the whole budget.
+            every: Environment steps between the run's evaluations.
+
+        Raises:
+            ConfigError: If the budget cannot pay for two candidates.
+        """
+        super().__init__(tuner, problem, SELECTION_FRACTION)
+        reserved = problem.budget - self._search_steps
+        if (needed := self._steps_of(2)) > reserved:
+            raise ConfigError(
+                f"select=best_evaluated: choosing between two candidates may take {needed:,} "
+                f"steps, and its share of the budget is {reserved:,}; give a budget of "
+                f"{math.ceil(needed / SELECTION_FRACTION):,} steps or more"
+            )
+        self._every, self._next = every, 0
+        self._noted: list[tuple[int, np.ndarray]] = []  # steps so far, recommendation
+        self._episodes = HeldOut(problem, "select")
+        self._rounds = self._until = 0  # rounds left, this one included; episodes at its end
+
+    def _steps_of(self, count: int) -> int:
+        """Return the steps that the selection among `count` candidates takes at most, at least."""
+        return _rounds(count) * count * MIN_EPISODES * self._problem.max_episode_steps
+
+    def ask(self) -> list[Proposal]:
+        """Return what the tuner asks; then the candidates' episodes."""
+        if self._searching and self._steps >= self._next:
+            self._next = (self._steps // self._every + 1) * self._every
+            self._note()
+        return super().ask()
+
+    def _note(self) -> None:
+        x = self._tuner.recommend()
+        if not any(np.array_equal(x, noted) for _, noted in self._noted):
+            self._noted.append((self._steps, x.copy()))
+
+    def _begin(self) -> None:
+        self._note()
+        count, baselines = len(self._noted), int(self._problem.baseline is not None)
+        while count + baselines > 2 and self._steps_of(count + baselines) > self._left:
+            count -= 1
+        for k in np.linspace(len(self._noted) - 1, 0, count).round().astype(int):
+            self._episodes.enter(self._noted[k][1])
+        self._episodes.enter_baseline()
+        self._begin_round(_rounds(len(self._episodes.candidates)))
+
+    def _begin_round(self, rounds: int) -> None:
+        self._rounds = rounds
+        if rounds:
+            self._until += max(1, self._left // (rounds * self._episodes.steps(1)))
+
+    def _ask_after(self) -> list[Proposal]:
+        if not self._rounds:
+            return []
+        return self._episodes.ask_within(
+            self._episodes.steps(self._until - len(self._episodes.costs))
+        )
+
+    def _tell_after(self, segments: Sequence[Segment]) -> dict[str, float]:
+        episodes = self._episodes
+        episodes.tell(segments)
+        best = float(episodes.costs.mean(axis=0)[episodes.ranking[0]])
+        if len(episodes.costs) == self._until:
+            if self._rounds > 1:
+                episodes.keep(math.ceil(len(episodes.candidates) / 2))
+            self._begin_round(self._rounds - 1)
+        return {"select_best_cost": best} if math.isfinite(best) else {}
+
+    def recommend(self) -> np.ndarray:
+        """Return the tuner's recommendation while it searches; then the candidate that leads."""
+        return self._episodes.best if self._episodes.begun else super().recommend()
+
+    def outcome(self) -> dict[str, Any]:
+        """Return for `result.json` after how many steps the answer had been recommended."""
+        x = self.recommend()
+        steps = [steps for steps, noted in self._noted if np.array_equal(noted, x)]
+        chosen = {"recommended_at": steps[0] if steps else None, "episodes": self._until}
+        return {**super().outcome(), "select": chosen}
+
+    def state(self) -> Any:
+        """See `Tuner.state`."""
+        return {
+            **super().state(),
+            "next": self._next,
+            "noted": [(steps, x.copy()) for steps, x in self._noted],
+            "episodes": self._episodes.state(),
+            "rounds": (self._rounds, self._until),
+        }
+
+    def restore(self, state: Any) -> None:
+        """See `Tuner.restore`."""
+        super().restore(state)
+        self._next = state["next"]
+        self._noted = [(steps, x.copy()) for steps, x in state["noted"]]
+        self._episodes.restore(state["episodes"])
+        self._rounds, self._until = state["rounds"]
+
+    def describe(self) -> dict[str, Any]:
+        """Return the tuner's choices and the selection."""
+        told = (
+            f"best evaluated recommendation, {self._fraction:.0%} of the budget held out to choose"
+        )
+        return {**super().describe(), "select": told}
+
+
+def _rounds(count: int) -> int:
+    """Return how often `count` candidates can be halved."""
+    return math.ceil(math.log2(count))

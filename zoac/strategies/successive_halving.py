@@ -1,0 +1,147 @@
+"""Where tuning starts: a race of parameter vectors over horizons that grow.
+
+Most parameter vectors show within a few steps that they are bad, so many are tried briefly and few
+for a whole episode (successive halving: Jamieson and Talwalkar, 2016). All vectors of a round run
+from the same start under the same disturbances, so that they are compared and not their luck. From
+round to round the better ones stay, and fill the field up with children: one of them, plus a
+difference of two others (differential evolution: Storn and Price, 1997), which follows a narrow
+valley whatever its direction and scale.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from zoac.core.outcomes import bad_is_infinite, cost_sums, ranking
+from zoac.core.segments import Proposal, Segment
+from zoac.core.tuner import Problem
+
+SHORTEST = 1 / 40
+"""Horizon of the first round, as a part of an episode's time limit."""
+
+MIN_POINTS = 4
+"""Vectors in a round, at least; and in the last one, which spends its steps on several episodes."""
+
+NO_OFFSPRING = 20
+"""With so many parameters a field is too small for children to be better than fresh vectors."""
+
+DIFFERENCE, JITTER = 0.7, 0.02
+"""What part of a difference a child moves by, and the standard deviation of its noise."""
+
+
+class SuccessiveHalving:
+    """Rounds of equal numbers of steps; the horizon grows geometrically to a whole episode.
+
+    The last round is between the best few only, over as many whole episodes as its steps allow.
+    Where environments cannot be put back (`Problem.supports_snapshots`), every round runs whole
+    episodes from the environments' own starts.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        rng: np.random.Generator,
+        first: np.ndarray,
+        *,
+        fraction: float,
+        rounds: int,
+        survivor_fraction: float | None,
+    ) -> None:
+        """
+        Args:
+            problem: What is tuned.
+            rng: The tuner's random stream.
+            first: Mapped parameters (d,) that take part in the first round.
+            share: Of the budget, for the race; 0: `first` wins without one.
+            rounds: How many.
+            survivors: Part of a round's field that consists of the last round's best; the rest are
+                their children. None: d / `CHILDLESS`, at most 1.
+        """
+        self._problem, self._rng = problem, rng
+        self._first = first
+        self._survivor_fraction = (
+            min(1.0, len(first) / NO_OFFSPRING) if survivor_fraction is None else survivor_fraction
+        )
+        count = rounds if fraction > 0 else 0
+        steps = fraction * problem.budget / rounds
+        self._horizons = _horizons(problem, count)
+        self._sizes = [max(MIN_POINTS, int(steps / h)) for h in self._horizons]
+        self._episodes = [1] * count
+        if count > 1:
+            self._sizes[-1] = MIN_POINTS
+            whole = int(steps / (MIN_POINTS * problem.max_episode_steps))
+            self._episodes[-1] = max(1, whole)
+        self._round = 0
+        self._points = np.empty((0, problem.space.dimension))
+        self._ranked = first[None].copy()  # the better half of the last field, best first
+
+    @property
+    def over(self) -> bool:
+        """Whether every round has been run."""
+        return self._round == len(self._horizons)
+
+    @property
+    def best(self) -> np.ndarray:
+        """The leader's mapped parameters (d,)."""
+        return self._ranked[0].copy()
+
+    def ask(self) -> list[Proposal]:
+        """Return the next round: its whole field, spread over the environments."""
+        size = self._sizes[self._round]
+        self._points = self._uniform(size) if self._round == 0 else self._descendants(size)
+        num_envs, horizon = self._problem.num_envs, self._horizons[self._round]
+        count = self._episodes[self._round]
+        seeds: list[int | None] = [None] * count
+        if self._problem.supports_snapshots:
+            seeds = [int(seed) for seed in self._rng.integers(2**62, size=count)]
+        runs = [(x, seed) for x in self._points for seed in seeds]
+        return [
+            Proposal(x, i % num_envs, horizon=None if seed is None else horizon, seed=seed)
+            for i, (x, seed) in enumerate(runs)
+        ]
+
+    def _uniform(self, size: int) -> np.ndarray:
+        drawn = self._rng.uniform(-1.0, 1.0, (size - 1, len(self._first)))
+        return np.concatenate([self._first[None], drawn])
+
+    def _descendants(self, size: int) -> np.ndarray:
+        """Return the field (size, d) of survivors and their children."""
+        ranked, rng = self._ranked, self._rng
+        parents = ranked[: max(2, math.ceil(self._survivor_fraction * size))][:size]
+        count = size - len(parents)
+        parent = parents[rng.integers(len(parents), size=count)]
+        one, other = ranked[rng.integers(len(ranked), size=(2, count))]
+        noise = rng.standard_normal((count, ranked.shape[1]))
+        offspring = parent + DIFFERENCE * (one - other) + JITTER * noise
+        return np.concatenate([parents, self._problem.space.clip(offspring)])
+
+    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """Rank the field by what came back, in the order of the proposals."""
+        costs = bad_is_infinite(cost_sums(segments)).reshape(len(self._points), -1).mean(axis=1)
+        violations = np.reshape([s.violation for s in segments], (len(self._points), -1))
+        order = ranking(violations.mean(axis=1), costs)
+        self._ranked = self._points[order[: max(2, len(order) // 2)]]
+        self._round += 1
+        return {"halving_round": self._round, "halving_best_cost": float(costs[order[0]])}
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that lasts between rounds; the random stream is the tuner's."""
+        return {"round": self._round, "field": self._points.copy(), "ranked": self._ranked.copy()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Put back what `state` returned."""
+        self._round = state["round"]
+        self._points, self._ranked = state["field"].copy(), state["ranked"].copy()
+
+
+def _horizons(problem: Problem, rounds: int) -> list[int]:
+    """Return each round's horizon: geometric from `SHORTEST` to a whole episode, and that again."""
+    longest = problem.max_episode_steps
+    if not problem.supports_snapshots or rounds < 3:
+        return [longest] * rounds
+    exponents = 1 - np.arange(rounds - 1) / (rounds - 2)
+    return [max(1, round(longest * SHORTEST**e)) for e in exponents] + [longest]

@@ -1,0 +1,108 @@
+"""What a user must be told of a run's answer: that the start was better, say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from zoac.strategies.paired_comparison import MIN_PAIRS, clearly_higher
+
+CLEAR = 0.02
+"""Part of its cost by which an earlier evaluation must be better to be worth a warning."""
+
+
+def warnings(result: Mapping[str, Any], evaluations: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return what is wrong with the answer of a run, one sentence each; [] if nothing is.
+
+    Args:
+        result: The content of `result.json`.
+        evaluations: Rows of the evaluations while tuning.
+    """
+    return [
+        *_of_the_cost(result),
+        *_of_the_start(result),
+        *_of_constraints(result),
+        *_of_evaluations(result, evaluations),
+        *_of_the_acceptance_test(result),
+    ]
+
+
+def _of_the_cost(result: Mapping[str, Any]) -> list[str]:
+    finite = np.isfinite(np.asarray(result["cost_per_episode"]))
+    if finite.all():
+        return []
+    return [f"The cost is not finite in {(~finite).sum()} of {len(finite)} final episodes."]
+
+
+def _of_the_start(result: Mapping[str, Any]) -> list[str]:
+    start = result.get("start")
+    if start is None:
+        return []
+    costs, episodes = result["cost_per_episode"], len(result["cost_per_episode"])
+    told = []
+    if clearly_higher(np.array(costs), np.array(start["cost_per_episode"])):
+        told.append(
+            f"The answer is worse than the baseline values: cost {result['cost_mean']:.4g} instead of "
+            f"{start['cost_mean']:.4g} on the same {episodes} final episodes."
+        )
+    for what, count, before in (
+        ("terminates", result["terminations"], start["terminations"]),
+        ("breaks a constraint", result.get("violations", 0), start.get("violations", 0)),
+    ):
+        if count > before:
+            told.append(
+                f"The answer {what} more often than the baseline values: in {count} of {episodes} "
+                f"final episodes instead of {before}."
+            )
+    return told
+
+
+def _of_constraints(result: Mapping[str, Any]) -> list[str]:
+    episodes = len(result["cost_per_episode"])
+    return [
+        f"The constraint {name} is broken in {broken['episodes']} of {episodes} final episodes."
+        for name, broken in result.get("violations_by_constraint", {}).items()
+        if broken["episodes"]
+    ]
+
+
+def _of_evaluations(
+    result: Mapping[str, Any], evaluations: Sequence[Mapping[str, Any]]
+) -> list[str]:
+    """Compare with the best evaluation on the episodes that both have, the first ones."""
+    end = np.array(result["cost_per_episode"])
+    broken = result.get("violations", 0) / len(end)
+    rows = [
+        row
+        for row in evaluations
+        if row["x"] != result["x"]
+        and row.get("violations", 0) / len(row["cost_per_episode"]) <= broken
+    ]
+    if not rows:
+        return []
+    best = min(rows, key=lambda row: (row.get("violations", 0), row["cost_mean"]))
+    shared = min(len(end), len(best["cost_per_episode"]))
+    costs = np.array(best["cost_per_episode"][:shared])
+    if not clearly_higher(end[:shared], costs, comparisons=len(rows), noteworthy=CLEAR):
+        return []
+    return [
+        f"An earlier evaluation, after {best['env_steps']:,} steps, was clearly better: cost "
+        f"{costs.mean():.4g} instead of {end[:shared].mean():.4g} on the same {shared} episodes; "
+        "select=best_evaluated chooses among them."
+    ]
+
+
+def _of_the_acceptance_test(result: Mapping[str, Any]) -> list[str]:
+    acceptance_test = result.get("acceptance_test")
+    if acceptance_test is None or acceptance_test["candidate_is_start"]:
+        return []
+    if acceptance_test["p_value"] is None:
+        return [f"The answer is the baseline values: {acceptance_test['text']}."]
+    if acceptance_test["pairs"] >= MIN_PAIRS:
+        return []
+    return [
+        f"The acceptance test had {acceptance_test['pairs']} pairs of episodes and fewer than {MIN_PAIRS} "
+        "accept nothing, so the answer is the baseline values: give gate or budget more steps."
+    ]

@@ -1,0 +1,409 @@
+"""One run from its configuration to its result: folder, lock, signals, trainer."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import platform
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zoac.config import factory
+from zoac.config.validate import TARGET, locate
+from zoac.core.errors import ConfigError, RunFolderError
+from zoac.core.task import Task
+from zoac.core.tuner import Tuner
+from zoac.executors.base import Executor
+from zoac.executors.lifeline import is_cut
+from zoac.runs import fingerprint, schema
+from zoac.runs.lock import HeldError, locked
+from zoac.runs.log import Console, Logger, RunLog
+from zoac.training.trainer import Interrupted, Settings, Trainer
+
+PACKAGES = (
+    "zoac", "numpy", "torch", "gymnasium", "hydra-core", "cvxpy", "clarabel", "numba", "nevergrad",
+)  # fmt: skip
+
+
+def run_folder(config: Mapping[str, Any], task: str, tuner: str) -> Path:
+    """Return `<runs_dir>/<task>/<tuner>/seed=<s>[/variant=<name>]`.
+
+    Raises:
+        ConfigError: If `runs_dir` is empty or `variant` is no name of a folder.
+    """
+    if not config["runs_dir"].strip():
+        raise ConfigError(
+            f"runs_dir={config['runs_dir']!r}: expected a folder, such as runs, or . for this one"
+        )
+    variant = config["variant"] or ""
+    if "/" in variant:
+        usable = "-".join(re.findall("[^/.]+", variant)) or "mine"
+        raise ConfigError(
+            f"variant={variant!r}: expected the name of one folder, without /, such as {usable!r}"
+        )
+    folder = Path(config["runs_dir"]).expanduser() / task / tuner / f"seed={config['seed']}"
+    return folder / f"variant={config['variant']}" if config["variant"] else folder
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything that one run is made of.
+
+    Args:
+        identity: `task`, `tuner` and `seed`, for run folder and tables.
+        config: Resolved configuration, for the record and to tell runs apart.
+        command: What was typed, for the record.
+        task: What is tuned.
+        tuner: Who tunes.
+        executor: Where environments run; not yet started.
+        settings: Seed, budget and evaluation.
+        sinks: Mirrors of the run folder.
+        quiet: Do not say that the run is done already.
+        doubts: What `config` cannot tell of the task, one sentence each; see `with_code`.
+    """
+
+    identity: Mapping[str, Any]
+    config: Mapping[str, Any]
+    command: Sequence[str]
+    task: Task
+    tuner: Tuner
+    executor: Executor
+    settings: Settings
+    loggers: Sequence[Logger]
+    quiet: bool = False
+    doubts: Sequence[str] = ()
+
+
+def with_code(config: Mapping[str, Any], task: Task) -> tuple[dict[str, Any], Sequence[str]]:
+    """Return a configuration with what tells a user's code and objects from others; and doubts.
+
+    Args:
+        config: Resolved configuration; its task has a `_target_` if it comes from a YAML file.
+        task: What is tuned.
+
+    Returns:
+        The configuration with the key `code`, if the task has code that is not zoac's own; and a
+        sentence for each part that cannot be compared with that of another run.
+    """
+    node = config["task"]
+    if TARGET not in node:
+        code, doubts = fingerprint.told(task.parts())
+    else:
+        # Jobs of a sweep may share a process, and the code may change its own globals meanwhile.
+        key = json.dumps(node, sort_keys=True)
+        if key not in _seen:
+            _seen[key] = fingerprint.told(_parts_from_file(node[TARGET], task))
+        code, doubts = _seen[key]
+    kept = {name: texts for name, texts in code.items() if texts}
+    return {**config, "code": kept} if kept else dict(config), doubts
+
+
+_seen: dict[str, tuple[dict[str, Any], list[str]]] = {}
+
+
+def _parts_from_file(target: str, task: Task) -> dict[str, Any]:
+    """Return the parts of a task from a YAML file, which has the task's options already."""
+    parts = task.parts()
+    if parts.get("task") is not task:
+        return parts
+    made_by = locate(target, TARGET)
+    return {} if fingerprint.is_installed(made_by.__module__) else {"task": made_by}
+
+
+def run_session(
+    config: Mapping[str, Any], task: str, tuner: str, command: Sequence[str]
+) -> dict[str, Any]:
+    """Tune as configured, or go on with or return what is there already.
+
+    Args:
+        config: Resolved configuration.
+        task: Name of the task, for the run's identity.
+        tuner: Name of the tuner, likewise.
+        command: What was typed, for the record.
+
+    Returns:
+        The content of `result.json`.
+
+    Raises:
+        ConfigError: If the configuration cannot be used.
+        RunFolderError: If the folder holds another run, is damaged or in use.
+    """
+    settings = factory.build_settings(config)
+    the_task = factory.build_task(config)
+    identified, doubts = with_code(config, the_task)
+    run = Run(
+        identity={"task": task, "tuner": tuner, "seed": config["seed"]},
+        config=identified,
+        doubts=doubts,
+        command=command,
+        task=the_task,
+        tuner=factory.build_tuner(config["tuner"], the_task, settings),
+        executor=factory.build_executor(config),
+        settings=settings,
+        loggers=[*factory.build_loggers(config), Console(settings.budget)],
+    )
+    return execute(run, run_folder(config, task, tuner))
+
+
+def execute(run: Run, folder: Path) -> dict[str, Any]:
+    """Carry out `run` in `folder`, by the `resume` of its config; return `result.json`'s content.
+
+    Raises:
+        RunFolderError: If the folder holds another run, is damaged or in use.
+        KeyboardInterrupt: If a signal stopped the run; its checkpoint is written.
+    """
+    _make(folder)
+    with _locked(folder):
+        if _prepare(folder, run.config):
+            _refuse_doubtful(folder, run.doubts)
+            if not run.quiet:
+                print(f"{folder}: done already; resume=overwrite starts anew")
+            return schema.read_result(folder)
+        if run.doubts:
+            print(
+                f"{folder}: {'; '.join(run.doubts)}. So nobody can tell later whether another run "
+                "is this one, and its result is not returned for a second call",
+                file=sys.stderr,
+            )
+        record = _run_record(run)
+        _tell_what_differs(folder, record)
+        log = RunLog(folder, record, run.loggers)
+        _tell_remarks(run.task)
+        try:
+            run.executor.start(run.task, run.settings.num_envs, run.settings.seed)
+            # A caller's `np.seterr(all="raise")` is not for what zoac computes.
+            with _stop_on_signal() as stop, np.errstate(all="warn", under="ignore"):
+                return Trainer(run.task, run.tuner, run.executor, run.settings, log, stop).run()
+        except Interrupted:
+            print(f"stopped; the same command goes on from {folder}", file=sys.stderr)
+            raise KeyboardInterrupt from None
+        finally:
+            run.executor.close()
+            log.close()
+
+
+def _tell_remarks(task: Task) -> None:
+    """Say what a user should know of the environment before the run."""
+    env = task.make_env(1)
+    env.close()
+    for remark in env.remarks:
+        print(remark, file=sys.stderr)
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / ".lock").touch()
+    except OSError as error:
+        too_long = error.errno == errno.ENAMETOOLONG
+        remedy = "give it a short name: variant=<name>" if too_long else "choose another runs_dir"
+        raise RunFolderError(
+            f"cannot make or use the run folder {folder}: {error.strerror}; {remedy}"
+        ) from None
+
+
+def _prepare(folder: Path, config: Mapping[str, Any]) -> bool:
+    """Make the folder ready by `resume`; return whether its run is done already."""
+    resume = config["resume"]
+    if resume == "overwrite":
+        _empty(folder)
+        return False
+    if not (folder / schema.RUN).exists():
+        if (folder / schema.CHECKPOINTS).exists() or schema.is_done(folder):
+            raise RunFolderError(
+                f"{folder} holds a run without its {schema.RUN}: whose it is cannot be told. "
+                "Put the file back, or start anew with resume=overwrite"
+            )
+        return False
+    if resume == "never":
+        raise RunFolderError(
+            f"{folder} holds a run already and resume=never; use resume=auto to go on with it, "
+            "resume=overwrite to start anew, or another variant=<name>"
+        )
+    earlier = schema.read_run(folder)
+    if not {"config", "config_hash"} <= earlier.keys():
+        raise RunFolderError(
+            f"{folder / schema.RUN} says nothing of the configuration; it is no run.json of zoac. "
+            "Choose another folder, or start anew with resume=overwrite"
+        )
+    if earlier["config_hash"] != schema.config_hash(config):
+        differences = schema.differing_keys(earlier["config"], config)
+        told = "\n".join(f"  {key}: {a!r} there, {b!r} now" for key, (a, b) in differences.items())
+        coded = any(key.startswith("code.") for key in differences)
+        hint = "Behind @ stands a digest of code and values. " if coded else ""
+        raise RunFolderError(
+            f"{folder} holds a run of another configuration:\n{told}\n"
+            f"{hint}Use those values, another variant=<name>, or resume=overwrite"
+        )
+    return schema.is_done(folder)
+
+
+def _refuse_doubtful(folder: Path, doubts: Sequence[str]) -> None:
+    """Raise if nobody can tell whether the result in `folder` is this run's."""
+    if doubts:
+        raise RunFolderError(
+            f"{folder} holds a result, and whether it is of the same run cannot be told: "
+            f"{'; '.join(doubts)}. Load it with zoac.load_result, choose another folder, or start "
+            "anew with resume=overwrite"
+        )
+
+
+def _tell_what_differs(folder: Path, record: Mapping[str, Any]) -> None:
+    """Say that a run goes on with other code or on another processor, which may round otherwise."""
+    if not (folder / schema.CHECKPOINTS).exists():
+        return
+    then, now = _origin(schema.read_run(folder)), _origin(record)
+    if then["processor"] in (None, platform.machine()):  # once only the family was on record
+        then["processor"] = now["processor"]
+    changed = [name for name in {**then, **now} if then.get(name) != now.get(name)]
+    if changed:
+        told = [f"{name} {now.get(name)}, at first {then.get(name)}" for name in changed]
+        print(
+            "this run goes on elsewhere than it began, so perhaps not to the same bits: "
+            + "; ".join(told),
+            file=sys.stderr,
+        )
+
+
+def _origin(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a run's bits depend on besides its configuration, from its `run.json`."""
+    versions, machine = (
+        part if isinstance(part := record.get(key), Mapping) else {}
+        for key in ("versions", "machine")
+    )
+    return {**versions, "processor": machine.get("processor"), "commit": record.get("commit")}
+
+
+def _empty(folder: Path) -> None:
+    """Delete the run in `folder`; killed meanwhile, the rest is still that run, or none.
+
+    Raises:
+        RunFolderError: If something cannot be deleted.
+    """
+    try:
+        # What says whose all this is goes last, so that nothing is ever taken for another run's.
+        if (folder / schema.CHECKPOINTS).exists():
+            shutil.rmtree(folder / schema.CHECKPOINTS)
+        for name in (schema.RESULT, schema.METRICS, schema.TASK, schema.RUN):
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise RunFolderError(
+            f"{folder}: resume=overwrite cannot delete {error.filename}: {error.strerror}"
+        ) from None
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold the folder's lock."""
+    try:
+        with locked(folder / ".lock"):
+            yield
+    except HeldError:
+        raise RunFolderError(f"{folder}: another process is running this run") from None
+
+
+@contextmanager
+def _stop_on_signal() -> Iterator[Any]:
+    """Yield a function that tells whether to stop: the first signal asks, a second one insists.
+
+    The end of the sweep that this run belongs to asks, too.
+    """
+    asked = False
+
+    def ask(number: int, frame: Any) -> None:
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+        print("\nstopping after this iteration; once more stops at once", file=sys.stderr)
+
+    try:
+        earlier = {s: signal.signal(s, ask) for s in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:  # not the main thread: signals belong to somebody else
+        earlier = {}
+    try:
+        yield lambda: asked or is_cut()
+    finally:
+        for number, handler in earlier.items():
+            signal.signal(number, handler)
+
+
+def _run_record(run: Run) -> dict[str, Any]:
+    """Return the content of `run.json`."""
+    baseline = run.task.baseline
+    return {
+        "format": schema.FORMAT,
+        **run.identity,
+        "variant": run.config["variant"],
+        "config": dict(run.config),
+        "config_hash": schema.config_hash(run.config),
+        "command": list(run.command),
+        "objective": run.task.objective,
+        "episodes": run.task.horizon.remark,
+        "tuner_choices": {
+            **run.tuner.describe(),
+            **factory.baseline_use(run.config["tuner"], run.task, run.settings),
+        },
+        "parameters": [asdict(p) for p in run.task.space.parameters],
+        "fixed": dict(run.task.fixed),
+        "nominal": None if baseline is None else dict(baseline),
+        "versions": _versions(),
+        "commit": _commit(),
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": {
+            "system": platform.platform(),
+            "processor": _processor(),
+            "cores": os.cpu_count(),
+        },
+    }
+
+
+def _processor() -> str:
+    """Name the processor: libraries choose their code by its model, and with it their rounding."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return next(filter(None, models), platform.processor() or platform.machine())
+
+
+def _versions() -> dict[str, str]:
+    versions = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            versions[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:  # a clone without an installed package
+            continue
+    return versions
+
+
+def _commit() -> str | None:
+    """Return the commit of the clone that this package runs from, "+" behind it if changed."""
+    root = Path(__file__).parent.parent
+    if not (root / ".git").exists():
+        return None
+    try:
+        git = ["git", "-C", str(root)]
+        commit = subprocess.run(
+            [*git, "rev-parse", "HEAD"], capture_output=True, text=True, check=True, timeout=10
+        ).stdout.strip()
+        changed = subprocess.run(
+            [*git, "status", "--porcelain", "-uno"], capture_output=True, text=True, timeout=10
+        ).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return commit + ("+" if changed else "")

@@ -1,0 +1,416 @@
+"""The loop: ask, roll out, tell, evaluate, log, checkpoint.
+
+It does not know who is tuning, what is tuned, or where environments run.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from zoac.core.errors import NothingWorksError, ZoacError
+from zoac.core.seeding import stream_seed
+from zoac.core.segments import Segment
+from zoac.core.state import encode
+from zoac.core.task import Task
+from zoac.core.tuner import Tuner
+from zoac.core.types import Count, Fraction, Natural, NonNegative
+from zoac.executors.base import Executor
+from zoac.rollout.constraints import FeasibilityFirst
+from zoac.rollout.evaluation import evaluation_proposals, evaluation_row
+from zoac.runs.checkpoint import fitting, unfit
+from zoac.runs.log import RunLog
+from zoac.training.answer_checks import warnings
+
+SideBySide = Annotated[int, Field(ge=1, le=100_000)]  # all in memory at once
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a run is told beside its task and its tuner.
+
+    Args:
+        seed: Of everything but the evaluation episodes.
+        budget: Environment steps for tuning; evaluation is not counted.
+        environments: Environments side by side.
+        eval_every: Environment steps between evaluations.
+        episodes: Evaluation episodes during tuning.
+        final_episodes: Evaluation episodes of the final figure.
+        evaluation_seed: Of the evaluation episodes, the same for all runs that are compared.
+        checkpoint_seconds: Wall seconds between checkpoints.
+        trust: How far the baseline values are trusted, from 0 to 1; see
+            `zoac.strategies.acceptance_test.trusted`.
+        gate: Share of the budget for proof that the answer beats the start; see
+            `zoac.strategies.acceptance_test.AcceptanceTest`.
+        select: "best_evaluated": the answer is the best of the evaluated recommendations, see
+            `zoac.strategies.best_evaluated`; "last" or None: what the tuner recommends at the end.
+        scout: Random points of which the best is the tuner's start; see
+            `zoac.strategies.initial_design.InitialDesign`.
+        common_random_numbers: Points of a batch meet the same episode; see
+            `zoac.strategies.initial_design.CommonRandomNumbers`.
+        failure_penalty: The task's, see `zoac.core.task.Task`; here to be checked with the rest.
+    """
+
+    seed: Natural = 0
+    budget: Natural = 500_000
+    num_envs: SideBySide = 10
+    eval_every: Count = 10_000
+    episodes: SideBySide = 10
+    final_episodes: SideBySide = 100
+    evaluation_seed: Natural = 0
+    checkpoint_seconds: NonNegative = 30.0
+    trust: Annotated[float, Field(ge=0, le=1)] | None = None
+    acceptance_test: Fraction | None = None
+    select: Literal["last", "best_evaluated"] | None = None
+    failure_penalty: float | None = None
+    initial_samples: Count | None = None
+    common_random_numbers: bool | None = None
+
+
+@dataclass
+class Progress:
+    """Counters of a run; they survive a resume."""
+
+    iteration: int = 0
+    env_steps: int = 0
+    next_eval: int = 0
+    wall_seconds: float = 0.0
+    compute_seconds: float = 0.0
+    solver_seconds: float = 0.0
+    tuner_seconds: float = 0.0
+    evaluation_seconds: float = 0.0
+    checkpoint_seconds: float = 0.0
+    solver_failures: int = 0
+    env_restarts: int = 0
+    terminations: int = 0
+    segments: int = 0
+    failed_segments: int = 0
+    failures: int = 0
+    first_failure: str | None = None
+    log_bytes: int = field(default=0)
+
+
+class Interrupted(Exception):
+    """The run was asked to stop; its checkpoint is written."""
+
+
+class Trainer:
+    """One run: a task, a tuner, an executor and a budget."""
+
+    def __init__(
+        self,
+        task: Task,
+        tuner: Tuner,
+        executor: Executor,
+        settings: Settings,
+        log: RunLog,
+        stop_requested: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """
+        Args:
+            task: What is tuned.
+            tuner: Who tunes.
+            executor: Where environments run; started, and closed by the caller.
+            settings: Seed, budget and evaluation.
+            log: Where rows, checkpoints and the result go.
+            stop_requested: Asked between iterations; True ends the run with a checkpoint.
+        """
+        self._task, self._tuner, self._executor = task, tuner, executor
+        self._settings, self._log = settings, log
+        self._stop_requested = stop_requested
+        self._lanes_unsaved = False  # they cannot be saved, which has been said
+        self._constraints = FeasibilityFirst(task.constraints)
+        self._last_finite = np.zeros(task.space.dimension)  # recommendation
+        self.progress = Progress()
+        self._wall_start = self._last_checkpoint = time.perf_counter()
+        self._compute_start = time.process_time()
+
+    def run(self) -> dict[str, Any]:
+        """Tune until the budget is spent or the tuner has nothing more to ask; return the result.
+
+        Raises:
+            Interrupted: If asked to stop; the run can be resumed.
+        """
+        self._restore(self._log.load_checkpoint())
+        self._saved_lanes()  # says at the start if they cannot be saved
+        while self.progress.env_steps < self._settings.budget:
+            self._evaluate_if_due()
+            with self._timed("tuner_seconds"):
+                proposals = self._tuner.ask()
+            if not proposals:
+                break
+            segments = self._executor.rollout(proposals, self._background_update)
+            self._learn(segments)
+            self._checkpoint_if_due()
+        return self._finish()
+
+    def _learn(self, segments: list[Segment]) -> None:
+        """Count what was spent and tell the tuner."""
+        progress = self.progress
+        progress.iteration += 1
+        progress.env_steps += sum(s.length for s in segments)
+        failure = self._account(segments)
+        seen = [
+            replace(s, costs=self._task.tuning_costs(s), reported_costs=s.costs) for s in segments
+        ]
+        seen = self._constraints.told(segments, seen)
+        with self._timed("tuner_seconds"):
+            metrics = self._tuner.tell(seen)
+        costs = np.concatenate([s.costs for s in seen])
+        terminations = sum(s.terminated for s in segments)
+        progress.terminations += terminations
+        self._log.row(
+            "train",
+            self._stamp(iteration=progress.iteration),
+            {
+                "step_cost_mean": float(costs.mean()),
+                "terminations": terminations,
+                **failure,
+                **metrics,
+            },
+        )
+        progress.segments += len(segments)
+        progress.failed_segments += sum(s.failure is not None for s in segments)
+        # Segments have one step or more, so that many failures are as many first steps.
+        if progress.failed_segments == progress.env_steps >= HOPELESS:
+            self._refuse("at its first step")
+
+    def _background_update(self) -> None:
+        with self._timed("tuner_seconds"):
+            self._tuner.background_update()
+
+    def _evaluate_if_due(self) -> None:
+        progress = self.progress
+        if progress.env_steps < progress.next_eval:
+            return
+        every = self._settings.eval_every
+        progress.next_eval = (progress.env_steps // every + 1) * every
+        self._evaluate(self._settings.episodes, final=False)
+
+    def _evaluate(self, episodes: int, final: bool) -> dict[str, Any]:
+        """Run the fixed episodes with the recommended parameters and log a row."""
+        x = self._recommended()
+        segments = self._rolled_out(x, episodes)
+        row = evaluation_row(segments, self._task.metrics, self._task.constraints)
+        row |= self._account(segments)
+        row = {**row, "parameters": self._task.space.named(x), "x": x.tolist(), "final": final}
+        self._log.row("eval", self._stamp(compute_seconds=self._compute_seconds()), row)
+        return row
+
+    def _rolled_out(self, x: np.ndarray, episodes: int) -> list[Segment]:
+        """Return the fixed evaluation episodes with the parameters z."""
+        proposals = evaluation_proposals(x, episodes, self._settings.evaluation_seed)
+        tuner_seconds = self.progress.tuner_seconds
+        with self._timed("evaluation_seconds"):
+            segments = self._executor.evaluate(proposals, self._background_update)
+        # What the tuner did beside it is the tuner's.
+        self.progress.evaluation_seconds -= self.progress.tuner_seconds - tuner_seconds
+        return segments
+
+    def _recommended(self) -> np.ndarray:
+        """Return the tuner's recommendation, or its last one whose every number was finite."""
+        x = self._tuner.recommend()
+        if np.isfinite(x).all():
+            self._last_finite = x.copy()
+        else:
+            print(
+                f"after {self.progress.env_steps:,} steps the tuner recommends {x.tolist()}, which "
+                "is not finite; its last finite recommendation is kept",
+                file=sys.stderr,
+            )
+        return self._last_finite.copy()
+
+    def _refuse(self, when: str) -> None:
+        """End a run in which every segment failed.
+
+        Raises:
+            NothingWorksError: Always.
+        """
+        progress = self.progress
+        raise NothingWorksError(
+            f"each of the {progress.segments} episodes so far failed {when}, so there is nothing "
+            f"to tune on. The first: {progress.first_failure}"
+        )
+
+    def _finish(self) -> dict[str, Any]:
+        if 0 < self.progress.segments == self.progress.failed_segments:
+            self._refuse("before it ended")
+        earlier = [row for row in self._log.rows() if row["kind"] == "eval"]
+        final = self._evaluate(self._settings.final_episodes, final=True)
+        del final["final"]
+        final.pop("first_failure", None)
+        start = self._start()
+        progress = asdict(self.progress)
+        result = {
+            "env_steps": progress["env_steps"],
+            **final,
+            "wall_seconds": self._wall_seconds(),
+            "compute_seconds": self._compute_seconds(),
+            **{f"{part}_seconds": progress[f"{part}_seconds"] for part in _PARTS},
+            "solver_failures": progress["solver_failures"],
+            "env_restarts": progress["env_restarts"],
+            "tuning_terminations": progress["terminations"],
+            "failures": progress["failures"],
+            "first_failure": progress["first_failure"],
+            **start,
+            **self._tuner.outcome(),
+        }
+        return self._log.finish({**result, "warnings": warnings(result, earlier)})
+
+    def _start(self) -> dict[str, Any]:
+        """Return what the baseline values cost on the final evaluation episodes, if there are any."""
+        if self._task.baseline is None:
+            return {}
+        x = self._task.space.normalise(self._task.baseline)
+        segments = self._rolled_out(x, self._settings.final_episodes)
+        row = evaluation_row(segments, (), self._task.constraints)
+        return {"baseline_cost_mean": row["cost_mean"], "start": row}
+
+    def _account(self, segments: list[Segment]) -> dict[str, str]:
+        """Add up failures and what controllers report of solvers, tuning and evaluation alike.
+
+        Returns:
+            `first_failure`, for the row, if the run's first is among them.
+        """
+        failures = [s.failure for s in segments if s.failure is not None]
+        self.progress.failures += len(failures)
+        first = {}
+        if failures and self.progress.first_failure is None:
+            self.progress.first_failure = first["first_failure"] = failures[0]
+        for segment in segments:
+            diagnostics = segment.diagnostics
+            if "solver_seconds" in diagnostics:
+                self.progress.solver_seconds += float(diagnostics["solver_seconds"].sum())
+            if "solver_failed" in diagnostics:
+                self.progress.solver_failures += int(diagnostics["solver_failed"].sum())
+        return first
+
+    @contextmanager
+    def _timed(self, counter: str) -> Iterator[None]:
+        begun = time.perf_counter()
+        try:
+            yield
+        finally:
+            spent = time.perf_counter() - begun
+            setattr(self.progress, counter, getattr(self.progress, counter) + spent)
+
+    def _stamp(self, **more: Any) -> dict[str, Any]:
+        return {
+            "env_steps": self.progress.env_steps,
+            "wall_seconds": round(self._wall_seconds(), 3),
+            **more,
+        }
+
+    def _wall_seconds(self) -> float:
+        return self.progress.wall_seconds + time.perf_counter() - self._wall_start
+
+    def _compute_seconds(self) -> float:
+        here = time.process_time() - self._compute_start
+        return self.progress.compute_seconds + here + self._executor.worker_seconds
+
+    def _checkpoint_if_due(self) -> None:
+        stop = self._stop_requested()
+        waited = time.perf_counter() - self._last_checkpoint
+        if stop or waited >= self._settings.checkpoint_seconds:
+            begun = time.perf_counter()
+            self._log.save_checkpoint(self._state())
+            self._last_checkpoint = time.perf_counter()
+            self.progress.checkpoint_seconds += self._last_checkpoint - begun
+        if stop:
+            raise Interrupted
+
+    def _state(self) -> dict[str, Any]:
+        progress = asdict(self.progress)
+        progress["wall_seconds"] = self._wall_seconds()
+        progress["compute_seconds"] = self._compute_seconds()
+        progress["log_bytes"] = self._log.size()
+        return {
+            "progress": progress,
+            "tuner": self._tuner.state(),
+            "num_envs": self._saved_lanes(),
+            "constraints": self._constraints.state(),
+            "last_finite": self._last_finite.copy(),
+        }
+
+    def _saved_lanes(self) -> Any:
+        """Return the environments' state; None, said once, if there is something that cannot be saved."""
+        if self._lanes_unsaved:
+            return None
+        try:
+            state = self._executor.state()
+            encode(state)
+        except Exception as error:  # whatever a user's environment or controller raises
+            self._lanes_unsaved = True
+            reason = error if isinstance(error, ZoacError) else f"{type(error).__name__}: {error}"
+            more = ""
+            if self._task.restore_fault is not None:
+                more = "no two segments begin in one state, held-out episodes end an environment's own, "
+            print(
+                f"the environment or controller cannot be saved ({reason}): {more}"
+                "if this run is stopped, it goes on with new episodes, and so not to the same "
+                "bits; env_restarts in result.json counts that",
+                file=sys.stderr,
+            )
+            return None
+        return state
+
+    def _restore(self, state: dict[str, Any] | None) -> None:
+        if state is None:
+            self._log.rewind(0)
+            return
+        _same_keys("the checkpoint", state, dict.fromkeys(_STATE))
+        _same_keys("the progress in the checkpoint", state["progress"], asdict(Progress()))
+        self.progress = Progress(**state["progress"])
+        with fitting(of_tuner := "the tuner's state in the checkpoint"):
+            _same_keys(of_tuner, state["tuner"], self._tuner.state())
+            self._tuner.restore(state["tuner"])
+        with fitting(of_constraints := "the constraints' state in the checkpoint"):
+            _same_keys(of_constraints, state["constraints"], self._constraints.state())
+            self._constraints.restore(state["constraints"])
+        self._last_finite = state["last_finite"]
+        if state["num_envs"] is None:
+            self._begin_new_episodes()
+        else:
+            with fitting("the environments' state in the checkpoint"):
+                self._executor.restore(state["num_envs"])
+        self._log.rewind(self.progress.log_bytes)
+
+    def _begin_new_episodes(self) -> None:
+        """Start environments anew, from seeds that no earlier start of this run had."""
+        self.progress.env_restarts += 1
+        settings = self._settings
+        seed = stream_seed(settings.seed, "restart", self.progress.env_restarts)
+        self._executor.close()
+        self._executor.start(self._task, settings.num_envs, seed)
+
+
+HOPELESS = 10
+"""Episodes after which a run whose every episode failed at its first step ends: no parameters
+would help, or something is misspelt."""
+
+_STATE = ("progress", "tuner", "num_envs", "constraints", "last_finite")
+"""Keys of a checkpoint."""
+
+
+def _same_keys(what: str, found: Any, expected: Any) -> None:
+    """Refuse a part of a checkpoint with other keys than this version writes.
+
+    Raises:
+        RunFolderError: If it has; a part that is no dict has none.
+    """
+    names, known = (set(part) if isinstance(part, dict) else set() for part in (found, expected))
+    faults = [f"{says} {', '.join(map(repr, sorted(keys, key=str)))}"
+              for says, keys in (("unknown:", names - known), ("missing:", known - names))
+              if keys]  # fmt: skip
+    if faults:
+        raise unfit(what, "; ".join(faults))
+
+
+_PARTS = ("solver", "tuner", "evaluation", "checkpoint")
