@@ -25,7 +25,7 @@ from itertools import groupby
 from typing import Any
 
 from zoac.analysis import cli
-from zoac.analysis.compact_format import (
+from zoac.analysis.data.compact_format import (
     EVALUATIONS,
     KEY,
     LISTS,

@@ -26,7 +26,7 @@ from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import unit_label
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.parameters import Parameter, ParameterSpace
-from zoac.core.task import Task
+from zoac.rollout.task import Task
 
 SMALLEST_SPAN = 0.1
 """Of a cost axis, as a share of the cost."""

@@ -32,7 +32,7 @@ from zoac.analysis.pages.formatting import number, pipes
 from zoac.config.factory import NOTES
 from zoac.core.errors import ConfigError, RunFolderError, suggest
 from zoac.core.seeding import stream
-from zoac.core.task import Task
+from zoac.rollout.task import Task
 
 TAIL = 0.1
 """Share of the costliest episodes whose mean is the tail risk (CVaR)."""

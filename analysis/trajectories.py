@@ -21,7 +21,7 @@ from zoac.analysis.data.selection import chosen
 from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import TASKS, method_labels
 from zoac.core.segments import Segment
-from zoac.core.task import Task
+from zoac.rollout.task import Task
 
 REFERENCE = "Reference"
 

@@ -17,12 +17,12 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 
 from zoac.baselines.acquisition import Acquisition
 from zoac.baselines.nevergrad import NevergradTuner, ng
-from zoac.core.outcomes import Outcomes
 from zoac.core.parameters import ParameterSpace
 from zoac.core.seeding import global_random_kept
 from zoac.core.state import OwnObject
 from zoac.core.tuner import Problem
 from zoac.core.types import Count, Fraction, NonNegative, Positive
+from zoac.rollout.outcomes import Outcomes
 
 Rounding = Callable[[np.ndarray], np.ndarray]
 

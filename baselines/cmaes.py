@@ -9,9 +9,9 @@ from pydantic import Field
 
 from zoac.baselines.nevergrad import NevergradTuner, ng
 from zoac.core.errors import ConfigError
-from zoac.core.outcomes import Outcomes
 from zoac.core.tuner import Problem
 from zoac.core.types import Count, Fraction, Positive
+from zoac.rollout.outcomes import Outcomes
 
 
 class CmaEs(NevergradTuner):

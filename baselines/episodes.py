@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from zoac.core.errors import ConfigError
-from zoac.core.outcomes import CostRange, Outcomes, bad_is_infinite, cost_sums
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner
 from zoac.core.types import Count, Fraction
+from zoac.rollout.outcomes import CostRange, Outcomes, bad_is_infinite, cost_sums
 from zoac.strategies.held_out import HeldOut
 
 
@@ -23,7 +23,7 @@ class EpisodeTuner(Tuner):
     them over the environments, remembers the best single episodes, and re-evaluates them if asked
     to.
 
-    Episodes rank as `zoac.core.outcomes` says. One whose cost is not finite is never a best one.
+    Episodes rank as `zoac.rollout.outcomes` says. One whose cost is not finite is never a best one.
     """
 
     def __init__(

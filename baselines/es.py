@@ -8,9 +8,9 @@ import numpy as np
 
 from zoac.algorithm.adam import Adam
 from zoac.baselines.episodes import EpisodeTuner
-from zoac.core.outcomes import Outcomes
 from zoac.core.tuner import Problem
 from zoac.core.types import Count, Fraction, Positive
+from zoac.rollout.outcomes import Outcomes
 
 
 class EvolutionStrategy(EpisodeTuner):

@@ -14,10 +14,10 @@ import numpy as np
 
 from zoac.baselines.episodes import EpisodeTuner
 from zoac.core.errors import ConfigError, suggest
-from zoac.core.outcomes import Outcomes
 from zoac.core.seeding import global_random_kept
 from zoac.core.tuner import Problem
 from zoac.core.types import Count, Fraction, Positive
+from zoac.rollout.outcomes import Outcomes
 
 with global_random_kept():  # the library draws while it is imported
     import nevergrad as ng

@@ -15,11 +15,11 @@ from scipy.stats import rankdata
 from zoac.baselines.bo import kept_observations
 from zoac.baselines.episodes import EpisodeTuner
 from zoac.core.errors import ConfigError
-from zoac.core.outcomes import Outcomes
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.state import OwnObject
 from zoac.core.tuner import Problem
 from zoac.core.types import Count, Fraction
+from zoac.rollout.outcomes import Outcomes
 
 try:
     import optuna

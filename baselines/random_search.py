@@ -7,9 +7,9 @@ from typing import Any, Literal
 import numpy as np
 
 from zoac.baselines.episodes import EpisodeTuner
-from zoac.core.outcomes import Outcomes
 from zoac.core.tuner import Problem
 from zoac.core.types import Count, Fraction
+from zoac.rollout.outcomes import Outcomes
 
 
 class RandomSearch(EpisodeTuner):

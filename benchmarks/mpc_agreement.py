@@ -13,12 +13,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from tests.mpc_tracking.oracle import NonlinearMpc
+from zoac.core.controller import Diagnostics, Memory, Parameters
 from zoac.core.seeding import stream, stream_seed
 from zoac.core.segments import Proposal, Segment
-from zoac.core.task import Diagnostics, Memory, Parameters, Task
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.sqp import MpcOptions
 from zoac.rollout.engine import RolloutEngine
+from zoac.rollout.task import Task
 from zoac.tasks.mpc_tracking import MpcTracking
 from zoac.tasks.mpc_tracking.controller import NOMINAL, SPACE
 from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH, INPUT_LOW
@@ -89,7 +90,7 @@ def table(name: str, x: np.ndarray, starts: int) -> None:
     failed = np.concatenate([s.diagnostics["failed"] for s in reference])
     actions = np.concatenate([s.commands for s in reference])[~failed]
     costs = np.array([s.costs.sum() for s in reference])
-    print(f"\n{name}: {len(z)} parameter vectors x {starts} starts, {len(actions)} states")
+    print(f"\n{name}: {len(x)} parameter vectors x {starts} starts, {len(actions)} states")
     print(f"IPOPT: not converged in {failed.sum()} states; mean cost {costs.mean():.6f}")
     print("| linearisations | off by > 1e-4 | off by > 1% | largest | cost: median | 90% | mean |")
     print("|---|---|---|---|---|---|---|")

@@ -17,7 +17,7 @@ from zoac.tasks.pid_acc import PidAcc
 
 
 def steps_per_second(num_envs: int, horizon: int | None, seconds: float = 2.0) -> float:
-    """Return the rate at `environments` environments for segments of `horizon` steps; None: whole episodes."""
+    """Return the rate of `num_envs` environments; `horizon` None: whole episodes."""
     task = PidAcc()
     x = task.space.normalise(task.baseline)
     group = RolloutEngine(task, range(num_envs), range(num_envs))

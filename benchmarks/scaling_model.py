@@ -22,10 +22,10 @@ from gymnasium.spaces import Box
 from benchmarks.figures import FIGURES, pyplot, save
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.segments import Proposal
-from zoac.core.task import Task
 from zoac.envs.base import ArrayVecEnv
 from zoac.executors.base import Executor, Serial
 from zoac.executors.process import Process
+from zoac.rollout.task import Task
 
 
 @dataclass(frozen=True)

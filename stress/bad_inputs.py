@@ -23,7 +23,8 @@ from zoac import run
 
 # What does begin to run must soon be over.
 SHORT = [
-    "budget=40", "eval_every=40", "evaluation.episodes=1", "evaluation.final_episodes=1", "num_envs=1",
+    "budget=40", "eval_every=40", "evaluation.episodes=1", "evaluation.final_episodes=1",
+    "num_envs=1",
     "task.max_episode_steps=20",
 ]  # fmt: skip
 FOLDER = Path("runs/pid_acc/zoac/seed=0/variant=mine")
@@ -206,7 +207,8 @@ CASES = [
     Case("tuner=cmaes tuner.population=0", ("tuner.population=0", "greater than")),
     Case("tuner=bo tuner.acquisition=ubc", ("'ubc'", "did you mean 'ucb'")),
     Case("tuner=es tuner.start=nominl", ("'nominl'", "did you mean 'nominal'")),
-    Case("tuner=random tuner.reevaluate_fraction=1.5", ("tuner.reevaluate_fraction=1.5", "less than")),
+    Case("tuner=random tuner.reevaluate_fraction=1.5",
+         ("tuner.reevaluate_fraction=1.5", "less than")),
     Case("task.jerk=rat", ("task.jerk='rat'", "did you mean 'rate'")),
     Case("task.preceding_std=-1", ("task.preceding_std=-1", "greater than or equal to 0")),
     Case("task.max_episode_steps=0", ("task.max_episode_steps=0", "greater than or equal to 1")),

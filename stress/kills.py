@@ -30,9 +30,10 @@ from typing import Any
 
 from zoac import run
 from zoac.config.compose import compose_config
+from zoac.core.measures import CLOCKS
 from zoac.executors import process, worker
 from zoac.runs import checkpoint
-from zoac.runs.schema import CLOCKS, is_done, read_metrics, read_result
+from zoac.runs.schema import is_done, read_metrics, read_result
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
 EXECUTORS = {"serial": [], "process": ["executor.workers=2"]}
@@ -61,7 +62,7 @@ def outcome(folder: Path) -> list[str]:
 
 
 class ForkedWorker:
-    """What `zoac.executors.process` needs of a `subprocess.Popen`: a worker behind pipes, but forked."""
+    """What `zoac.executors.process` needs of a `subprocess.Popen`: a forked worker."""
 
     def __init__(self, *_arguments: Any, **_options: Any) -> None:
         requests, to_worker = os.pipe()

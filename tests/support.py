@@ -17,13 +17,14 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
+from zoac.core.measures import Metric
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
 from zoac.core.state import Encoded, OwnObject
-from zoac.core.task import Metric, Task
 from zoac.envs.base import ArrayVecEnv
 from zoac.rollout.engine import RolloutEngine
+from zoac.rollout.task import Task
 from zoac.runs import checkpoint
 
 

@@ -16,15 +16,16 @@ from omegaconf import DictConfig, OmegaConf
 from zoac.config import factory
 from zoac.config.compose import GROUPS, compose_config, resolved
 from zoac.core.errors import ConfigError, suggest
+from zoac.core.measures import Constraint, Metric
 from zoac.core.parameters import ParameterSpace
-from zoac.core.task import Constraint, Metric, Task
 from zoac.core.types import is_number
 from zoac.envs.gymnasium_adapter import Bounds
-from zoac.envs.user_task import EnvSource, UserTask, user_task
+from zoac.loggers.console import Console
+from zoac.rollout.task import Task
 from zoac.runs import fingerprint, schema
-from zoac.runs.log import Console
 from zoac.runs.result import Result, keep_task, result_of
 from zoac.runs.schema import TASK
+from zoac.tasks.user_task import EnvSource, UserTask, user_task
 from zoac.training.lifecycle import Run, execute, with_code
 
 

@@ -16,11 +16,12 @@ import numpy as np
 
 from zoac.cli.pipes import reader_may_leave
 from zoac.controllers.live_controller import live_in
+from zoac.core.controller import Memory
 from zoac.core.errors import ZoacError
 from zoac.core.segments import Proposal, Segment
-from zoac.core.task import Memory, Task
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.probe import first_difference, played
+from zoac.rollout.task import Task
 
 STEPS = 120
 """Steps of an episode that are looked at."""
@@ -199,7 +200,8 @@ def time_per_step(task: Task) -> Found:
         seconds = (time.perf_counter() - begun) / steps
     finally:
         group.close()
-    text = f"{seconds * 1e3:.3g} ms; 50,000 steps in one environment take {_for_people(50_000 * seconds)}"
+    whole = _for_people(50_000 * seconds)
+    text = f"{seconds * 1e3:.3g} ms; 50,000 steps in one environment take {whole}"
     if seconds > SLOW:
         return False, f"{text}; more than {SLOW * 1e3:g} ms a step is too slow to tune on"
     return True, text

@@ -32,7 +32,7 @@ from zoac.config.compose import (
     with_whole_steps,
 )
 from zoac.core.errors import ConfigError, ZoacError
-from zoac.executors import lifeline
+from zoac.training import lifeline
 
 WITH_VALUE = (
     "--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name", "-cn",

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from zoac.analysis.data.runs import Run, variants
-from zoac.config.factory import NOTES
+from zoac.config.settings import NOTES
 from zoac.core.errors import RunFolderError
 from zoac.runs.schema import differing_keys
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from zoac.analysis import compact_format
+from zoac.analysis.data import compact_format
 from zoac.analysis.data.runs import Collection, Method, Run, Skipped, order
 from zoac.core.errors import RunFolderError
 from zoac.runs.schema import (

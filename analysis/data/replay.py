@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zoac.analysis.data.runs import Run
+from zoac.core.controller import Controller
 from zoac.core.segments import Proposal, Segment
-from zoac.core.task import Controller, Task
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.evaluation import evaluation_proposals
+from zoac.rollout.task import Task
 
 if TYPE_CHECKING:
     from zoac.envs.base import VecEnv

@@ -17,8 +17,9 @@ from zoac.analysis.data import replay
 from zoac.analysis.data.runs import Run
 from zoac.analysis.figures import style
 from zoac.core.errors import ConfigError, RunFolderError, suggest
+from zoac.core.measures import Trace
 from zoac.core.segments import Segment
-from zoac.core.task import Task, Trace
+from zoac.rollout.task import Task
 
 FRAMES, PER_SECOND = 120, 12
 HOLD = 12

@@ -20,9 +20,9 @@ from zoac.analysis.pages.formatting import NOTHING, estimate, number, without_em
 from zoac.analysis.statistics.stats import Scores, paired_difference
 from zoac.analysis.trajectories import Loop, draw_panel
 from zoac.core.errors import RunFolderError
+from zoac.core.measures import Trace
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.seeding import stream
-from zoac.core.task import Trace
 
 LARGEST_VIEW = 3.0
 """Most that an axis shows, as a multiple of what the tuned controller needs."""

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from zoac.core.measures import Constraint, Metric
 from zoac.core.parameters import Parameter, ParameterSpace, choice, integer
 from zoac.core.segments import Segment
-from zoac.core.task import Constraint, Metric, Task
 from zoac.core.types import Count
+from zoac.rollout.task import Task
 from zoac.tasks.lane_change.driver import RuleBasedDriver
 from zoac.tasks.lane_change.plant import LaneChangeVecEnv
 

@@ -7,9 +7,10 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
+from zoac.core.controller import Controller, Diagnostics, Memory, Parameters
 from zoac.core.parameters import Parameter, ParameterSpace
-from zoac.core.task import Controller, Diagnostics, Memory, Parameters, Task
 from zoac.core.types import Count, NonNegative
+from zoac.rollout.task import Task
 from zoac.tasks.lqr.plant import A, B, LqrVecEnv, Q, R, optimal_gain
 
 GAINS = ParameterSpace(

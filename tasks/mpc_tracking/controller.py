@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from zoac.core.compiled import compiled
+from zoac.core.controller import Diagnostics, Memory, Parameters
 from zoac.core.errors import ControllerError
 from zoac.core.parameters import Parameter, ParameterSpace
-from zoac.core.task import Diagnostics, Memory, Parameters
+from zoac.mpc.compiled import compiled
 from zoac.mpc.problem import Solver
 from zoac.mpc.sqp import MpcOptions, Objective, SequentialQp
 from zoac.tasks.mpc_tracking.path import SPEED

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 
+from zoac.core.measures import Trace
 from zoac.core.segments import Segment
-from zoac.core.task import Trace
 from zoac.tasks.mpc_tracking import path
 from zoac.tasks.mpc_tracking.plant import (
     MAX_HEADING_ERROR,

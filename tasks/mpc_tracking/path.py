@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from zoac.core.compiled import compiled
+from zoac.mpc.compiled import compiled
 
 SPEED = 18.0
 """Reference speed u_r [m/s]."""

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box
 
-from zoac.core.compiled import compiled
 from zoac.envs.base import ArrayVecEnv, SingleEnv
+from zoac.mpc.compiled import compiled
 from zoac.tasks.mpc_tracking import path
 from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH, INPUT_LOW, TRUE_PARAMETERS, advance, six
 

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from zoac.core.measures import Metric, Trace
 from zoac.core.segments import Segment
-from zoac.core.task import Metric, Task, Trace
 from zoac.core.types import Count, NonNegative
 from zoac.mpc.problem import Solver
 from zoac.mpc.sqp import MpcOptions
+from zoac.rollout.task import Task
 from zoac.tasks.mpc_tracking.controller import NOMINAL, SPACE, TrackingMpc, WeightLayout
 from zoac.tasks.mpc_tracking.plant import MpcTrackingVecEnv
 

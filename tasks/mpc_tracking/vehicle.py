@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from zoac.core.compiled import compiled
+from zoac.mpc.compiled import compiled
 from zoac.mpc.problem import Sparsity
 from zoac.tasks.mpc_tracking.path import STEP
 

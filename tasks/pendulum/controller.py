@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from zoac.core.task import Diagnostics, Memory, Parameters
+from zoac.core.controller import Diagnostics, Memory, Parameters
 
 PULL = 15.0
 """3 g / (2 l) of the pendulum that the controller believes in [1/s^2]."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from zoac.core.parameters import Parameter, ParameterSpace
-from zoac.core.task import Task
 from zoac.core.types import Count, Positive
+from zoac.rollout.task import Task
 from zoac.tasks.pendulum.controller import EnergyPd
 from zoac.tasks.pendulum.plant import PendulumVecEnv
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
+from zoac.core.measures import Trace
 from zoac.core.segments import Segment
-from zoac.core.task import Trace
 from zoac.tasks.pid_acc.plant import (
     MAX_CLEARANCE_ERROR,
     MAX_SPEED_ERROR,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from zoac.core.task import Diagnostics, Memory, Parameters
+from zoac.core.controller import Diagnostics, Memory, Parameters
 
 
 class IncrementalPid:

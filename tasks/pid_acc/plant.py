@@ -12,8 +12,8 @@ from typing import Any, Literal
 import numpy as np
 from gymnasium.spaces import Box
 
-from zoac.core.compiled import compiled
 from zoac.envs.base import ArrayVecEnv, SingleEnv
+from zoac.mpc.compiled import compiled
 
 GAIN = 1.0  # K_L
 TIME_CONSTANT = 0.45  # T_L [s]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
+from zoac.core.measures import Trace
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.segments import Segment
-from zoac.core.task import Task, Trace
 from zoac.core.types import Count, NonNegative
+from zoac.rollout.task import Task
 from zoac.tasks.pid_acc.pid import IncrementalPid
 from zoac.tasks.pid_acc.plant import PidAccVecEnv
 

@@ -15,9 +15,9 @@ from zoac.analysis.data.selection import chosen, median_run
 from zoac.analysis.figures import film
 from zoac.core.errors import ConfigError, RunFolderError
 from zoac.core.parameters import ParameterSpace, choice
-from zoac.core.task import Task
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.evaluation import evaluation_proposals
+from zoac.rollout.task import Task
 from zoac.tasks.pid_acc import PidAcc
 
 

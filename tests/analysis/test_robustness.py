@@ -9,7 +9,7 @@ import pytest
 from gymnasium.spaces import Box
 
 import zoac
-import zoac.envs.user_task
+import zoac.tasks.user_task
 from tests.analysis.folders import PID, write_run
 from zoac.analysis import robustness
 from zoac.analysis.data import replay
@@ -79,7 +79,7 @@ def test_tail_risk_is_the_mean_of_the_costliest_tenth():
 
 
 def test_a_plant_that_varies_while_tuning_is_fixed_when_it_is_set():
-    task = zoac.envs.user_task.user_task(
+    task = zoac.tasks.user_task.user_task(
         env=Gain, controller=act, space={"u": (0, 1), "idle": 0.0}, vary={"g": (0.5, 2.0)},
         max_episode_steps=2,
     )  # fmt: skip

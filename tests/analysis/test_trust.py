@@ -48,7 +48,7 @@ def trace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def kinds(trace: Path) -> dict[str, Any]:
     """Return configurations of a task that would leave the trace."""
     user = {
-        "_target_": "zoac.envs.user_task.user_task",
+        "_target_": "zoac.tasks.user_task.user_task",
         "env": "CartPole-v1",
         "space": {"k": [0, 1]},
     }

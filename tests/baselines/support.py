@@ -14,10 +14,10 @@ import zoac.conf
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Segment
-from zoac.core.task import Task
 from zoac.core.tuner import Problem, Tuner
 from zoac.envs.base import ArrayVecEnv
 from zoac.rollout.engine import RolloutEngine
+from zoac.rollout.task import Task
 
 CONF = Path(zoac.conf.__path__[0])
 STEPS = 10

@@ -13,8 +13,8 @@ from zoac.baselines.bo import BayesOpt, BoundedRegressor, kept_observations, max
 from zoac.baselines.optuna import Optuna, normal_scores
 from zoac.baselines.random_search import RandomSearch
 from zoac.core.errors import ConfigError
-from zoac.core.outcomes import CostRange
 from zoac.core.state import decode, encode
+from zoac.rollout.outcomes import CostRange
 
 # The library's estimate of the length scale ends at a bound now and then.
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")

@@ -20,10 +20,10 @@ from tests.baselines.support import (
     tuner_config,
 )
 from zoac.config.factory import baseline_use, build
+from zoac.config.settings import Settings
 from zoac.core.errors import ConfigError
 from zoac.core.state import decode, encode
 from zoac.core.tuner import Tuner
-from zoac.training.trainer import Settings
 
 NAMES = sorted(path.stem for path in (CONF / "tuner").glob("*.yaml"))
 NEED_A_PICKLE = {"bo", "optuna"}  # docs/resuming.md names them

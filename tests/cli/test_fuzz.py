@@ -15,7 +15,8 @@ from zoac.core.errors import ZoacError
 from zoac.training.lifecycle import run_folder
 
 KEYS = [
-    "seed", "budget", "num_envs", "eval_every", "evaluation", "evaluation.episodes", "evaluation.seed",
+    "seed", "budget", "num_envs", "eval_every", "evaluation", "evaluation.episodes",
+    "evaluation.seed",
     "checkpoint_seconds", "runs_dir", "variant", "resume", "task", "tuner", "executor",
     "mpc_solver", "fidelity", "logger", "method", "experiment", "tuner.sigma", "tuner.hidden",
     "tuner.recommend", "tuner.segments", "tuner.population", "tuner._target_", "task.jerk",

@@ -22,7 +22,8 @@ def names(group):
 @pytest.mark.parametrize("task", names("task"))
 def test_a_small_run_keeps_its_budget_and_recommends_inside_the_box(tuner, task, tmp_path):
     config = resolved(compose_config([
-        f"task={task}", f"tuner={tuner}", f"budget={BUDGET}", f"num_envs={NUM_ENVS}", "eval_every=50",
+        f"task={task}", f"tuner={tuner}", f"budget={BUDGET}", f"num_envs={NUM_ENVS}",
+        "eval_every=50",
         f"task.max_episode_steps={STEPS}", "evaluation.episodes=2", "evaluation.final_episodes=3",
         "mpc_solver=riccati", "checkpoint_seconds=0",
     ]))  # fmt: skip

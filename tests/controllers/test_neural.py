@@ -45,7 +45,8 @@ def test_actions_are_the_environments(name):
 
 def test_it_is_tuned_like_any_controller():
     act, space = linear(Drift)
-    result = zoac.tune(env=Drift, controller=act, space=space, tuner="random", budget=800, num_envs=4,
+    result = zoac.tune(env=Drift, controller=act, space=space, tuner="random", budget=800,
+                       num_envs=4,
                        max_episode_steps=20, episodes=1, final_episodes=2, quiet=True)  # fmt: skip
     assert result.parameters["weight_0_0"] < 0.0  # it pushes back
 

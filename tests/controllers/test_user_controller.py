@@ -14,8 +14,8 @@ from zoac.check import hidden_state
 from zoac.controllers.user_controller import ScalarController
 from zoac.core.errors import ConfigError, ControllerError
 from zoac.core.segments import Proposal
-from zoac.envs.user_task import user_task
 from zoac.rollout.engine import RolloutEngine
+from zoac.tasks.user_task import user_task
 from zoac.training.trainer import Trainer
 
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support import CountingTask, engine, proposal
-from zoac.core.outcomes import LARGEST, CostRange, Outcomes, ranking, step_costs
+from zoac.rollout.outcomes import LARGEST, CostRange, Outcomes, ranking, step_costs
 
 EPISODES = st.lists(
     st.tuples(

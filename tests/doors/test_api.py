@@ -289,7 +289,8 @@ def test_whole_numbers_may_be_written_as_floats_and_nothing_else_may():
 
 
 def test_the_console_tells_the_acceptance_tests_verdict_and_broken_constraints(capsys):
-    result = tune(quiet=False, acceptance_test=0.5, space={"k": {"low": 0, "high": 2, "start": 1.5}},
+    result = tune(quiet=False, acceptance_test=0.5,
+                  space={"k": {"low": 0, "high": 2, "start": 1.5}},
                   constraints={"never": lambda s: np.ones(s.length)})  # fmt: skip
     out = capsys.readouterr().out
     verdict = (

@@ -9,7 +9,7 @@ from tests.envs.test_adapters import Drift, Integrator
 from tests.support import CountingTask
 from zoac import check
 from zoac.core.parameters import Parameter, ParameterSpace
-from zoac.envs.user_task import UserTask, user_task
+from zoac.tasks.user_task import UserTask, user_task
 
 
 def act(params, obs):

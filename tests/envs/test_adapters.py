@@ -9,12 +9,12 @@ from gymnasium.wrappers import ClipAction, TimeLimit
 from tests.support import same_segment
 from zoac.controllers.user_controller import ScalarController
 from zoac.core.errors import ConfigError, ControllerError, EnvironmentContractError
+from zoac.core.measures import Metric
 from zoac.core.segments import Proposal
-from zoac.core.task import Metric
 from zoac.envs import gymnasium_adapter
 from zoac.envs.gymnasium_adapter import GymnasiumVecEnv, env_action
-from zoac.envs.user_task import UserTask, parse_space, user_task
 from zoac.rollout.engine import RolloutEngine
+from zoac.tasks.user_task import UserTask, parse_space, user_task
 
 
 class Drift(gymnasium.Env):

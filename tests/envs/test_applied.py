@@ -9,11 +9,11 @@ from gymnasium.wrappers import ClipAction, RescaleAction, TimeLimit
 import zoac
 from tests.envs.test_adapters import Drift
 from zoac.core.segments import Proposal
-from zoac.envs.user_task import user_task
 from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.lane_change.plant import LaneChangeVecEnv
 from zoac.tasks.pendulum.plant import PendulumVecEnv
 from zoac.tasks.pid_acc.plant import PidAccVecEnv
+from zoac.tasks.user_task import user_task
 
 
 class Weak(Drift):

@@ -12,9 +12,9 @@ from tests.envs.test_adapters import Drift
 from zoac.core.errors import ConfigError, EnvironmentContractError
 from zoac.core.segments import Proposal
 from zoac.envs.objective import Objective
-from zoac.envs.user_task import user_task
 from zoac.rollout.engine import RolloutEngine
 from zoac.runs.schema import read_run
+from zoac.tasks.user_task import user_task
 
 
 class Told(Drift):

@@ -64,7 +64,8 @@ def test_whole_numbers_are_drawn_whole_and_to_both_ends():
 
 def test_a_whole_number_varies_in_a_run():
     result = zoac.tune(
-        env=Tank, controller=lambda p, o: -p["k"] * o[0], space={"k": (0, 1)}, budget=100, num_envs=2,
+        env=Tank, controller=lambda p, o: -p["k"] * o[0], space={"k": (0, 1)}, budget=100,
+        num_envs=2,
         vary={"pumps": (1, 4)}, max_episode_steps=10, episodes=1, final_episodes=2, quiet=True,
     )  # fmt: skip
     assert result.env_steps >= 100

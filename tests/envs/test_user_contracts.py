@@ -9,11 +9,11 @@ import zoac
 from tests.envs.test_adapters import Drift
 from zoac.controllers.neural import linear
 from zoac.core.errors import ConfigError, ControllerError, EnvironmentContractError
+from zoac.core.measures import Constraint, Metric
 from zoac.core.segments import Proposal
-from zoac.core.task import Constraint, Metric
 from zoac.envs.gymnasium_adapter import GymnasiumVecEnv, env_action
-from zoac.envs.user_task import parse_space, user_task
 from zoac.rollout.engine import RolloutEngine
+from zoac.tasks.user_task import parse_space, user_task
 
 
 def task(env=Drift, controller=lambda params, obs: 0.0, **options):

@@ -13,9 +13,9 @@ from tests.envs.test_adapters import Drift
 from tests.rollout.test_probe import Rebuilt
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.segments import Proposal
-from zoac.envs.user_task import UserTask
 from zoac.rollout.engine import RolloutEngine
 from zoac.runs import checkpoint
+from zoac.tasks.user_task import UserTask
 from zoac.training.trainer import Trainer
 
 
@@ -25,7 +25,8 @@ def proportional(params, obs):
 
 def tune(folder, env, **options):
     return zoac.tune(**{
-        "env": env, "controller": proportional, "space": {"k": (0, 2)}, "budget": 200, "num_envs": 2,
+        "env": env, "controller": proportional, "space": {"k": (0, 2)}, "budget": 200,
+        "num_envs": 2,
         "episodes": 1, "final_episodes": 2, "quiet": True, "max_episode_steps": 10,
         "folder": folder, **options,
     })  # fmt: skip

@@ -1,86 +1,180 @@
-"""Who may import whom, read from the source."""
+"""Who may import whom, read from the source of every module."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
-CORE = {
-    "errors", "seeding", "parameters", "environment", "recording", "segments", "rollout", "task",
-    "tuner", "constraints", "acceptance_test", "initial_samples", "executor", "worker", "process", "evaluation",
-    "lifeline",
-    "checkpoint", "records", "runlog", "trainer",
-}  # fmt: skip
+SUBPACKAGES = ("tasks", "baselines", "analysis")
+"""Folders at the root that are imported as zoac.<name>."""
+
+LAYERS = (
+    ("core",),
+    ("envs", "mpc"),
+    ("controllers",),
+    ("rollout",),
+    ("executors",),
+    ("strategies", "loggers"),
+    ("algorithm",),
+    ("baselines",),
+    ("config",),
+    ("tasks", "runs"),
+    ("training",),
+    ("cli",),
+    ("run", "check", "search", "api"),
+)
+"""From the lowest to the highest; a module imports from its own package and from lower layers."""
+
+HEAVY = ("torch", "zoac.algorithm", "zoac.baselines", "zoac.envs", "zoac.rollout", "zoac.executors")
 
 
-def imports(path):
-    """Return the dotted modules that a file imports at any level, type-checking blocks excepted."""
-    tree = ast.parse(path.read_text())
-    hidden = {
+def sources():
+    """Return {dotted module: path} of everything below zoac."""
+    found = {}
+    for folder in ("zoac", *SUBPACKAGES):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            parts = parts if parts[0] == "zoac" else ("zoac", *parts)
+            found[".".join(parts).removesuffix(".__init__")] = path
+    return found
+
+
+MODULES = sources()
+
+
+def of_type_checkers(tree):
+    """Return the ids of the nodes that only type checkers see."""
+    return {
         id(inner)
         for node in ast.walk(tree)
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
         for inner in ast.walk(node)
     }
+
+
+@cache
+def imports(module, at_load=False):
+    """Return the dotted names that a module imports; `at_load`: only while it is loaded."""
+    tree = ast.parse(MODULES[module].read_text())
+    hidden = of_type_checkers(tree)
+    if at_load:
+        functions = (ast.FunctionDef, ast.AsyncFunctionDef)
+        hidden |= {
+            id(inner)
+            for node in ast.walk(tree)
+            if isinstance(node, functions)
+            for inner in ast.walk(node)
+        }
+    names = set()
     for node in ast.walk(tree):
         if id(node) in hidden:
             continue
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            own = module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
+            source = f"{own}.{node.module or ''}".rstrip(".") if node.level else node.module
+            names.add(source)
+            names |= {f"{source}.{alias.name}" for alias in node.names}
+    return frozenset(names)
 
 
-def offenders(files, *forbidden):
+def reached(module):
+    """Return every name that loading a module imports, directly or through others of zoac."""
+    seen, ahead = set(), [module]
+    while ahead:
+        for name in imports(ahead.pop(), at_load=True):
+            if name not in seen:
+                seen.add(name)
+                ahead += [name] if name in MODULES else []
+    return seen
+
+
+def package_of(module):
+    return module.split(".")[1] if "." in module else ""
+
+
+def layer_of(package):
+    return next((i for i, layer in enumerate(LAYERS) if package in layer), None)
+
+
+def offenders(modules, *forbidden):
     return [
-        f"{path.relative_to(ROOT)}: {name}"
-        for path in files
-        for name in imports(path)
+        f"{module}: {name}"
+        for module in modules
+        for name in sorted(imports(module))
         if any(name == f or name.startswith(f + ".") for f in forbidden)
     ]
 
 
-def package(name):
-    return sorted((ROOT / name).rglob("*.py"))
+def test_every_module_stands_in_a_layer():
+    packages = {package_of(m) for m in MODULES} - {"", "analysis"}
+    assert {p for p in packages if layer_of(p) is None} == set()
 
 
-def core():
-    return [ROOT / "zoac" / f"{name}.py" for name in sorted(CORE)]
-
-
-OUTER = ("zoac.tasks", "zoac.baselines", "zoac.analysis")
-
-
-@pytest.mark.parametrize(
-    ("files", "forbidden"),
-    [
-        (core(), (*OUTER, "zoac.algorithm", "zoac.mpc", "zoac.api", "zoac.run", "torch", "pandas")),
-        (package("zoac/algorithm"), (*OUTER, "zoac.mpc", "zoac.training.trainer")),
-        (package("zoac/mpc"), (*OUTER, "zoac.algorithm", "torch")),
-        (package("tasks"), ("zoac.baselines", "zoac.analysis", "zoac.algorithm", "torch")),
-        (package("baselines"), ("zoac.tasks", "zoac.analysis", "zoac.mpc")),
-        (
-            package("analysis"),
-            ("torch", "zoac.algorithm", "zoac.baselines", "zoac.training.trainer"),
-        ),
-    ],
-    ids=["core", "algorithm", "mpc", "tasks", "baselines", "analysis"],
-)
-def test_import_rules(files, forbidden):
-    assert files
-    assert offenders(files, *forbidden) == []
-
-
-def test_hydra_is_known_in_two_places():
-    everything = [
-        p for folder in ("zoac", "tasks", "baselines", "analysis") for p in package(folder)
+@pytest.mark.parametrize("module", [m for m in MODULES if package_of(m) not in ("", "analysis")])
+def test_imports_run_downwards(module):
+    own = package_of(module)
+    upwards = [
+        name
+        for name in imports(module)
+        if name in MODULES
+        and (package := package_of(name))
+        and package != own
+        and not (layer_of(package) is not None and layer_of(package) < layer_of(own))
     ]
-    allowed = {ROOT / "zoac" / "run.py", ROOT / "zoac" / "config.py"}
-    assert offenders([p for p in everything if p not in allowed], "hydra") == []
+    assert upwards == []
 
 
-def test_solver_libraries_stay_inside_solvers():
-    outside = [p for p in package("zoac") + package("tasks") if "solvers" not in p.parts]
+def test_nothing_below_the_analysis_imports_it():
+    others = [m for m in MODULES if package_of(m) != "analysis"]
+    assert offenders(others, "zoac.analysis") == []
+
+
+@pytest.mark.parametrize("command", ["table2", "beyond", "compact"])
+def test_a_table_needs_neither_torch_nor_an_environment(command):
+    loaded = reached(f"zoac.analysis.{command}")
+    heavy = [n for n in loaded if any(n == h or n.startswith(h + ".") for h in HEAVY)]
+    assert heavy == []
+
+
+def test_hydra_is_known_to_the_configuration_and_its_command_line():
+    allowed = [m for m in MODULES if package_of(m) == "config" or m == "zoac.run"]
+    assert offenders([m for m in MODULES if m not in allowed], "hydra") == []
+
+
+def test_torch_is_known_to_the_algorithm_alone():
+    others = [m for m in MODULES if package_of(m) not in ("algorithm", "loggers")]
+    assert offenders(others, "torch") == []
+
+
+def test_solver_libraries_are_known_to_the_solvers_alone():
+    outside = [m for m in MODULES if not m.startswith("zoac.mpc.")]
     assert offenders(outside, "cvxpy", "clarabel") == []
+
+
+def test_riccati_needs_numpy_and_numba_alone():
+    own = [m for m in MODULES if m.startswith("zoac.mpc.riccati")]
+    assert own
+    allowed = ("numpy", "numba", "llvmlite", "zoac.mpc.riccati", "__future__")
+    standard = set(__import__("sys").stdlib_module_names)
+    outside = [
+        f"{module}: {name}"
+        for module in own
+        for name in imports(module)
+        if name.split(".")[0] not in standard
+        and not any(name == a or name.startswith(a + ".") for a in allowed)
+    ]
+    assert outside == []
+
+
+def test_the_doors_are_few_and_packages_are_small():
+    doors = [p for p in (ROOT / "zoac").glob("*.py") if p.name != "__init__.py"]
+    assert len(doors) <= 8
+    packages = {path.parent for path in MODULES.values()} - {ROOT / "zoac"}
+    sizes = {p: len([f for f in p.glob("*.py") if f.name != "__init__.py"]) for p in packages}
+    # A task is as large as its plant; a package of packages holds what they share.
+    own = {p: n for p, n in sizes.items() if ROOT / "tasks" not in (p, *p.parents)}
+    assert {str(p): n for p, n in own.items() if n > 9 or n < 2} == {}

@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from zoac.runs.schema import CLOCKS
+from zoac.core.measures import CLOCKS
 
 ROOT = Path(__file__).parents[2]
 SMALL = [

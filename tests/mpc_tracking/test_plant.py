@@ -15,7 +15,7 @@ from zoac.tasks.mpc_tracking.vehicle import TRUE_PARAMETERS, BicycleModel
 
 
 def standing_on_the_path(x: float = 40.0, **errors: float) -> MpcTrackingVecEnv:
-    """Return one environment on the path at reference speed, off by `errors` (y, phi, u, v, omega)."""
+    """Return one environment on the path, off by `errors` (y, phi, u, v, omega)."""
     num_envs = MpcTrackingVecEnv(1)
     num_envs.reset(seed=0)
     state = {"y": path.lateral(x), "phi": path.heading(x), "u": 18.0, "v": 0.0, "omega": 0.0}

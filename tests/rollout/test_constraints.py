@@ -9,10 +9,10 @@ import zoac
 from tests.envs.test_adapters import Drift
 from tests.support import CountingTask, engine, proposal
 from zoac.core.errors import ConfigError
-from zoac.core.outcomes import CostRange, Outcomes
-from zoac.core.task import Constraint
+from zoac.core.measures import Constraint
 from zoac.rollout.constraints import FeasibilityFirst, excess, violations
 from zoac.rollout.evaluation import evaluation_row
+from zoac.rollout.outcomes import CostRange, Outcomes
 
 A_LIMIT = Constraint("a below 3", lambda s: s.diagnostics["a"] - 3.0, scale=2.0)
 

@@ -9,7 +9,7 @@ import zoac
 from tests.envs.test_adapters import Drift
 from tests.support import CountingTask, engine, proposal
 from zoac.core.errors import ConfigError
-from zoac.core.task import RESERVED, Constraint, Metric
+from zoac.core.measures import RESERVED, Constraint, Metric
 from zoac.rollout.constraints import excess
 from zoac.rollout.evaluation import evaluation_row
 from zoac.runs.schema import read_metrics, read_result
@@ -44,7 +44,8 @@ def test_what_returns_no_number_per_step_is_named(returned):
 def test_the_reserved_names_are_the_keys_of_rows_and_results(tmp_path):
     zoac.tune(
         env=Drift, controller=lambda params, obs: -params["k"] * obs[0], tuner="random",
-        space={"k": {"low": 0, "high": 2, "start": 1.0}}, budget=200, acceptance_test=0.5, num_envs=2,
+        space={"k": {"low": 0, "high": 2, "start": 1.0}}, budget=200,
+        acceptance_test=0.5, num_envs=2,
         select="best_evaluated",
         constraints={"left": lambda s: s.observations[1:, 0]}, episodes=1, final_episodes=1,
         max_episode_steps=5, quiet=True, folder=tmp_path,

@@ -9,13 +9,13 @@ import zoac
 from tests.envs.test_adapters import Drift
 from tests.support import CountingTask, CountingVecEnv, engine, proposal, same_segment
 from zoac.core.errors import ConfigError, EnvironmentFailure, NothingWorksError
+from zoac.core.measures import Constraint, Metric
 from zoac.core.segments import Proposal
-from zoac.core.task import Constraint, Metric
-from zoac.envs.user_task import user_task
 from zoac.executors.process import Process
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.evaluation import evaluation_row
 from zoac.runs.schema import read_metrics
+from zoac.tasks.user_task import user_task
 
 
 class Breaking(Drift):

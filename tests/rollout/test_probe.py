@@ -19,7 +19,7 @@ from tests.envs.test_adapters import Drift
 from tests.support import CountingTask, engine, proposal, same_segment
 from zoac import check
 from zoac.core.errors import ConfigError
-from zoac.envs.user_task import user_task
+from zoac.tasks.user_task import user_task
 from zoac.training.trainer import Trainer
 
 TASKS = sorted(p.stem for p in (Path(__file__).parents[2] / "conf" / "task").glob("*.yaml"))

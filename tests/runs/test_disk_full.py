@@ -6,11 +6,12 @@ from stress.disk_full import small_disk, stopped_by_a_full_disk
 from tests.algorithm.test_zoac import OPTIONS
 from tests.support import CountingTask
 from zoac.algorithm.zoac import Zoac
+from zoac.config.settings import Settings
 from zoac.core.tuner import Problem
 from zoac.executors.base import Serial
 from zoac.runs.log import RunLog
 from zoac.runs.schema import read_metrics
-from zoac.training.trainer import Settings, Trainer
+from zoac.training.trainer import Trainer
 
 RUN = {"format": 1, "task": "t", "tuner": "x", "seed": 0, "variant": None, "config_hash": "0"}
 

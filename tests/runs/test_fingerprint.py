@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tests.envs.test_adapters import Drift, Integrator
-from zoac.core.task import Constraint
+from zoac.core.measures import Constraint
 from zoac.runs.fingerprint import CannotTellError, described, told
 
 ROOT = Path(__file__).parents[2]

@@ -18,7 +18,7 @@ def act(params, obs):
 """
 
 YAML = """
-_target_: zoac.envs.user_task.user_task
+_target_: zoac.tasks.user_task.user_task
 env: load_result_plant.Drift
 controller: load_result_plant.act
 space:

@@ -41,7 +41,7 @@ class Stubborn(Tuner):
         pass
 
 
-def tested(candidate, start=(0.5, 0.0), share=0.5, budget=6 * 14):
+def run_test(candidate, start=(0.5, 0.0), share=0.5, budget=6 * 14):
     problem = Problem(CountingTask.space, 3, 4, budget, 7, 0, np.array(start))
     return acceptance_test.AcceptanceTest(Stubborn(candidate), problem, share)
 
@@ -55,7 +55,7 @@ def driven(tuner, task=None, mend=lambda segment: segment):
 
 def test_the_cheaper_candidate_passes_and_the_dearer_one_does_not():
     """Cost per step is the action, parameter a, and noise that both have in common."""
-    good, bad = driven(tested([0.4, 0.0])), driven(tested([0.6, 0.0]))
+    good, bad = driven(run_test([0.4, 0.0])), driven(run_test([0.6, 0.0]))
     assert good.recommend().tolist() == [0.4, 0.0]
     assert bad.recommend().tolist() == [0.5, 0.0]
     verdict = bad.outcome()["acceptance_test"]
@@ -65,7 +65,7 @@ def test_the_cheaper_candidate_passes_and_the_dearer_one_does_not():
 
 
 def test_before_the_last_pair_the_start_stays():
-    tuner, group = tested([0.4, 0.0]), engine(CountingTask(), [0, 1, 2, 3])
+    tuner, group = run_test([0.4, 0.0]), engine(CountingTask(), [0, 1, 2, 3])
     for _ in range(2):
         tuner.tell(group.rollout(tuner.ask()))
         assert tuner.recommend().tolist() == [0.5, 0.0]
@@ -75,7 +75,7 @@ def test_before_the_last_pair_the_start_stays():
 
 @pytest.mark.parametrize("pairs", [0, 1, 4])
 def test_too_few_pairs_accept_nothing_and_say_so_before_and_after(pairs):
-    tuner = driven(tested([0.4, 0.0], budget=14 * pairs + 13, share=1.0))
+    tuner = driven(run_test([0.4, 0.0], budget=14 * pairs + 13, share=1.0))
     assert tuner.recommend().tolist() == [0.5, 0.0]
     assert (
         f"pay for {pairs} pairs of episodes, and fewer than 5"
@@ -161,7 +161,7 @@ def test_episodes_that_are_longer_than_planned_leave_the_start_values():
 
 
 def test_a_test_that_was_not_finished_accepts_nothing():
-    tuner, group = tested([0.4, 0.0], budget=20 * 14), engine(CountingTask(), [0, 1, 2, 3])
+    tuner, group = run_test([0.4, 0.0], budget=20 * 14), engine(CountingTask(), [0, 1, 2, 3])
     for _ in range(9):
         tuner.tell(group.rollout(tuner.ask()))
     verdict = tuner.outcome()["acceptance_test"]
@@ -175,7 +175,7 @@ def test_a_candidate_that_terminates_where_the_start_does_not_is_not_accepted():
         crashed = segment.proposal.x[0] == 0.4 and segment.observations[0, 2] > 0.5
         return replace(segment, terminated=bool(crashed))
 
-    tuner = driven(tested([0.4, 0.0], budget=20 * 14), mend=crash)
+    tuner = driven(run_test([0.4, 0.0], budget=20 * 14), mend=crash)
     verdict = tuner.outcome()["acceptance_test"]
     assert 0 < verdict["candidate_failures"] < 10
     assert verdict["candidate_cost_mean"] < verdict["baseline_cost_mean"]
@@ -186,14 +186,14 @@ def test_a_candidate_that_terminates_where_the_start_does_not_is_not_accepted():
 def test_what_all_episodes_end_in_is_no_failure_of_one_side():
     """A goal that is reached ends the episode as well."""
     task = CountingTask(ends_after=5)
-    assert driven(tested([0.4, 0.0]), task).recommend().tolist() == [0.4, 0.0]
+    assert driven(run_test([0.4, 0.0]), task).recommend().tolist() == [0.4, 0.0]
 
 
 def test_a_candidate_that_violates_constraints_is_not_accepted():
     def violate(segment):
         return replace(segment, violation=float(segment.proposal.x[0] == 0.4))
 
-    assert driven(tested([0.4, 0.0]), mend=violate).recommend().tolist() == [0.5, 0.0]
+    assert driven(run_test([0.4, 0.0]), mend=violate).recommend().tolist() == [0.5, 0.0]
 
 
 def test_broken_constraints_reach_the_acceptance_test_as_failures():
@@ -210,13 +210,13 @@ def test_plain_costs_are_compared_whatever_the_tuner_is_told():
         more = 100.0 if segment.proposal.x[0] == 0.4 else 0.0
         return replace(segment, costs=segment.costs + more, reported_costs=segment.costs)
 
-    tuner = driven(tested([0.4, 0.0]), mend=regularised)
+    tuner = driven(run_test([0.4, 0.0]), mend=regularised)
     assert tuner.recommend().tolist() == [0.4, 0.0]
     assert tuner.outcome()["acceptance_test"]["candidate_cost_mean"] < 50
 
 
 def test_pairs_meet_the_same_episode_and_no_episode_twice():
-    group, tuner = engine(CountingTask(), [0, 1, 2, 3]), tested([0.4, 0.0])
+    group, tuner = engine(CountingTask(), [0, 1, 2, 3]), run_test([0.4, 0.0])
     noise = []
     for _ in range(2):
         segments = group.rollout(tuner.ask())
@@ -227,7 +227,7 @@ def test_pairs_meet_the_same_episode_and_no_episode_twice():
 
 
 def test_a_restored_acceptance_test_goes_on_to_the_same_answer():
-    one, other = tested([0.4, 0.0]), tested([0.4, 0.0])
+    one, other = run_test([0.4, 0.0]), run_test([0.4, 0.0])
     one.tell(engine(CountingTask(), [0, 1, 2, 3]).rollout(one.ask()))
     other.restore(one.state())
     assert [p.seed for p in one.ask()] == [p.seed for p in other.ask()]
@@ -315,5 +315,5 @@ def test_the_command_line_has_the_same_keys():
 def test_the_acceptance_test_leaves_the_tuner_its_time_beside_rollouts(monkeypatch):
     calls = []
     monkeypatch.setattr(Stubborn, "background_update", lambda self: calls.append(1))
-    tested((0.0, 0.0)).background_update()
+    run_test((0.0, 0.0)).background_update()
     assert calls == [1]

@@ -9,12 +9,13 @@ from tests.training.test_trainer import RUN
 from zoac.config import factory
 from zoac.config.compose import compose_config, resolved
 from zoac.core.errors import ConfigError
+from zoac.core.measures import CLOCKS
 from zoac.core.segments import Proposal
 from zoac.core.tuner import Problem, Tuner
 from zoac.executors.base import Serial
 from zoac.rollout.evaluation import evaluation_proposals
 from zoac.runs.log import RunLog
-from zoac.runs.schema import CLOCKS, read_metrics
+from zoac.runs.schema import read_metrics
 from zoac.strategies import acceptance_test
 from zoac.strategies.best_evaluated import BestEvaluated
 from zoac.training.trainer import Interrupted, Trainer
@@ -166,7 +167,8 @@ def test_another_word_is_refused():
 @pytest.mark.parametrize("tuner", ["zoac_plus", "random", "cmaes_full"])
 def test_a_run_killed_at_any_batch_gives_the_bits_of_one_that_was_not(tuner, tmp_path):
     """With selection and acceptance test, through checkpoints."""
-    overrides = [f"tuner={tuner}", "acceptance_test=0.3", "select=best_evaluated", "budget=1500", "num_envs=4",
+    overrides = [f"tuner={tuner}", "acceptance_test=0.3", "select=best_evaluated",
+                 "budget=1500", "num_envs=4",
                  "eval_every=200", "evaluation.episodes=2",
                  "evaluation.final_episodes=3"]  # fmt: skip
     config = resolved(compose_config(overrides))

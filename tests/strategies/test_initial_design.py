@@ -8,10 +8,10 @@ import pytest
 from tests.support import CountingTask, engine
 from zoac.config import factory
 from zoac.config.compose import compose_config, resolved
+from zoac.config.settings import Settings
 from zoac.core.errors import ConfigError
 from zoac.core.tuner import Problem
 from zoac.strategies.initial_design import CommonRandomNumbers, InitialDesign
-from zoac.training.trainer import Settings
 
 OPTIONS = {"_target_": "zoac.baselines.es.EvolutionStrategy", "population": 4, "sigma": 0.1,
            "step_size": 0.05, "standardise_costs": True, "start": "random",

@@ -140,7 +140,8 @@ class Regularised(CountingTask):
 @pytest.mark.parametrize("tuner", ["zoac_plus", "random"])
 def test_plain_costs_decide_and_are_logged_where_the_tuner_is_told_more(tuner, tmp_path):
     result = zoac.tune(
-        task=Regularised(), tuner=tuner, budget=2000, acceptance_test=0.4, num_envs=4, final_episodes=4,
+        task=Regularised(), tuner=tuner, budget=2000, acceptance_test=0.4,
+        num_envs=4, final_episodes=4,
         quiet=True, folder=tmp_path, eval_every=1000,
         tuner_options={"recommendation": "reevaluated"} if tuner == "random" else {},
     )  # fmt: skip

@@ -13,7 +13,8 @@ from tests.envs.test_adapters import Drift, Integrator
 from tests.support import with_a_trap
 from zoac.config import factory
 from zoac.config.compose import compose_config, resolved
-from zoac.runs import checkpoint, schema
+from zoac.core.measures import CLOCKS
+from zoac.runs import checkpoint
 from zoac.training.lifecycle import Run, execute
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -43,7 +44,7 @@ def run(folder, *overrides):
 
 
 def without_clocks(result):
-    return json.dumps({k: v for k, v in result.items() if k not in schema.CLOCKS})
+    return json.dumps({k: v for k, v in result.items() if k not in CLOCKS})
 
 
 def stopped_and_resumed(tmp_path, stopping, monkeypatch, *overrides, after=1):

@@ -8,6 +8,7 @@ import pytest
 from tests.algorithm.test_zoac import OPTIONS
 from tests.support import CountingTask
 from zoac.algorithm.zoac import Zoac
+from zoac.config.settings import Settings
 from zoac.core.errors import RunFolderError
 from zoac.core.tuner import Problem
 from zoac.executors.base import Serial
@@ -16,7 +17,7 @@ from zoac.runs import checkpoint
 from zoac.runs.log import RunLog
 from zoac.runs.schema import read_metrics
 from zoac.training import trainer
-from zoac.training.trainer import Interrupted, Settings, Trainer
+from zoac.training.trainer import Interrupted, Trainer
 
 RUN = {"format": 1, "task": "t", "tuner": "x", "seed": 0, "variant": None, "config_hash": "0"}
 

@@ -14,7 +14,7 @@ SPACE = {
     "kp": {"low": 0.05, "high": 5.0, "scale": "log", "start": 1.74},
     "ti": {"low": 0.05, "high": 5.0, "scale": "log", "start": 0.56},
 }
-"""The baseline values are Ziegler's and Nichols's: 0.45 of the ultimate gain, 0.83 of the period."""
+"""The baseline is Ziegler's and Nichols's: 0.45 of the ultimate gain, 0.83 of the period."""
 
 
 class Plant(gymnasium.Env):

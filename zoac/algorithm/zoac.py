@@ -17,10 +17,10 @@ from zoac.algorithm.advantage import estimate
 from zoac.algorithm.critic import Critic
 from zoac.algorithm.gradient import standardised, zeroth_order_gradient
 from zoac.core.errors import ConfigError
-from zoac.core.outcomes import step_costs
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner
 from zoac.core.types import Count, NonNegative, Positive
+from zoac.rollout.outcomes import step_costs
 
 CRITIC_LIMIT = 1e15
 """What the critic, a network in float32, is shown lies within: squares of it do not overflow."""

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from zoac.core.errors import ZoacError
-from zoac.executors.lifeline import GRACE
 from zoac.runs.schema import write_json
+from zoac.training.lifeline import GRACE
 
 RUNNING, STOPPED, FAILED, DONE = "running", "stopped", "failed", "done"
 
@@ -65,7 +65,7 @@ def end(folder: Path, let_go: Callable[[], None]) -> None:
 
     Args:
         folder: The sweep's folder.
-        let_go: Ends the jobs' lifeline, see `zoac.executors.lifeline`.
+        let_go: Ends the jobs' lifeline, see `zoac.training.lifeline`.
     """
     let_go()
     deadline = time.monotonic() + GRACE

@@ -25,8 +25,8 @@ from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from zoac.config.settings import WITHOUT_EFFECT
 from zoac.core.errors import ConfigError, suggest
-from zoac.runs.schema import WITHOUT_EFFECT
 
 CONFIG_MODULE = "zoac.conf"
 GROUPS = (

@@ -6,20 +6,17 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from zoac.config.settings import NOTES, Settings
 from zoac.config.validate import TARGET, check_arguments, check_node, locate
 from zoac.core.errors import ConfigError
-from zoac.core.task import Task
 from zoac.core.tuner import Problem, Tuner
 from zoac.executors.base import Executor
-from zoac.runs.log import Logger
+from zoac.loggers.base import Logger
+from zoac.rollout.task import Task
 from zoac.strategies.acceptance_test import AcceptanceTest, trusted
 from zoac.strategies.best_evaluated import SELECTION_FRACTION, BestEvaluated
 from zoac.strategies.held_out import search_budget
 from zoac.strategies.initial_design import CommonRandomNumbers, InitialDesign
-from zoac.training.trainer import Settings
-
-# Notes for other parts of the configuration, not arguments of the task.
-NOTES = ("tuned_for",)
 
 
 def build(node: Mapping[str, Any], where: str, expected: Any, **provided: Any) -> Any:

@@ -1,4 +1,4 @@
-"""A user's own controller, whatever form it has, as a `zoac.core.task.Controller`."""
+"""A user's own controller, whatever form it has, as a `zoac.rollout.task.Controller`."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from zoac.controllers.live_controller import LiveController
+from zoac.core.controller import Controller, Diagnostics, Memory, Parameters
 from zoac.core.errors import ConfigError
 from zoac.core.parameters import ParameterSpace
-from zoac.core.task import Controller, Diagnostics, Memory, Parameters
 
 
 def as_controller(given: Any, fixed: Mapping[str, float], space: ParameterSpace) -> Controller:
@@ -155,7 +155,7 @@ class ScalarController:
 
 
 class WithFixed:
-    """A batched `Controller` that gets parameters beside the tuned ones, alike in every environment."""
+    """A batched `Controller` that also gets parameters that are not tuned."""
 
     def __init__(self, controller: Controller, fixed: Mapping[str, float]) -> None:
         """

@@ -32,7 +32,7 @@ class UnsavableError(ZoacError):
 
 
 class WorkerError(ZoacError):
-    """A worker died again and again on the same work, or died and its environments cannot be put back."""
+    """A worker died repeatedly on the same work, or its environments cannot be restored."""
 
 
 class EnvironmentContractError(ZoacError):

@@ -1,4 +1,4 @@
-"""Ranges of numbers that options declare for `zoac.config.validate`, and what counts as a number."""
+"""Ranges of numbers that options declare, and what counts as a number."""
 
 from __future__ import annotations
 

@@ -91,11 +91,11 @@ class VecEnv(VectorEnv, ABC):
 
     @abstractmethod
     def state(self, env_indices: Sequence[int] | np.ndarray) -> Snapshot:
-        """Return a copy of all that `environments` hold, random streams included; see `zoac.core.state`."""
+        """Return a copy of the state at `env_indices`, random streams included."""
 
     @abstractmethod
     def restore(self, env_indices: Sequence[int] | np.ndarray, state: Snapshot) -> np.ndarray:
-        """Put `state` back into `environments`; return the observations (n, o) of all environments."""
+        """Restore `state` at `env_indices`; return the observations (n, o) of all."""
 
 
 class ArrayVecEnv(VecEnv):
@@ -126,7 +126,7 @@ class ArrayVecEnv(VecEnv):
 
     @abstractmethod
     def _start(self, env_index: int, rng: np.random.Generator, demonstration: bool) -> None:
-        """Begin an episode in `environment`, drawing from `rng`; all of the episode's randomness."""
+        """Begin an episode at `env_index`; draw all of its randomness from `rng`."""
 
     @abstractmethod
     def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -226,7 +226,7 @@ class ArrayVecEnv(VecEnv):
 
 
 class SingleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """One environment of a `VecEnv` as a plain `gymnasium.Env`: the same plant, the same numbers."""
+    """One environment of a `VecEnv` as a plain `gymnasium.Env`, with the same numbers."""
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
 

@@ -11,6 +11,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
+from gymnasium.vector import VectorEnv
 from gymnasium.wrappers import ClipAction, NormalizeObservation, NormalizeReward, TimeLimit
 
 from zoac.core.errors import (
@@ -24,6 +25,9 @@ from zoac.core.state import OwnObject
 from zoac.envs.base import VecEnv
 from zoac.envs.objective import Objective
 from zoac.envs.plant_numbers import Bounds, PlantNumbers, lost_number
+
+EnvSource = str | gymnasium.Env | Callable[[], gymnasium.Env]
+"""What a user gives as an environment: an id, an environment, or what makes one."""
 
 MAX_EPISODE_STEPS = 10_000
 """Steps after which an episode that nothing limits is an error."""
@@ -289,7 +293,8 @@ def copy_of(env: gymnasium.Env) -> gymnasium.Env:
         twin = copy.deepcopy(env)
     except Exception as error:  # whatever a user's environment raises when it is copied
         raise ConfigError(
-            f"env={env}: every environment needs a copy, and copying raised {type(error).__name__}: "
+            f"env={env}: every environment needs a copy, and copying raised "
+            f"{type(error).__name__}: "
             f"{error}; {remedy}"
         ) from error
     if (name := lost_number(env, twin)) is not None:
@@ -338,7 +343,8 @@ def _drifting(env: gymnasium.Env) -> Iterator[str]:
             what = "costs" if isinstance(env, NormalizeReward) else "observations"
             yield (
                 f"{type(env).__name__} scales by running statistics, so the same episode gives "
-                f"other {what} later in the run, and environments differ: remove the wrapper, or set its "
+                f"other {what} later in the run, and environments differ: remove the wrapper, or "
+                "set its "
                 "update_running_mean to False once its statistics are final"
             )
         env = env.env
@@ -365,4 +371,34 @@ def _parts(result: Any, method: str, expected: tuple[str, ...]) -> tuple[Any, ..
     raise EnvironmentContractError(
         f"the environment's {method} returned {found}, expected ({', '.join(expected)}), info a "
         "dict; an environment of the old Gym must be wrapped"
+    )
+
+
+def single_env(source: EnvSource) -> gymnasium.Env:
+    """Return an environment of its own from what a user gives.
+
+    Raises:
+        ConfigError: If it cannot be made, or is no `gymnasium.Env`.
+    """
+    if isinstance(source, gymnasium.Env):
+        return copy_of(source)
+    made: Any = source
+    if isinstance(source, str) or (callable(source) and not isinstance(source, VectorEnv)):
+        try:
+            made = gymnasium.make(source) if isinstance(source, str) else source()
+        except ZoacError:
+            raise
+        except Exception as error:  # whatever a user's constructor raises
+            raise ConfigError(
+                f"env={source!r}: making it raised {type(error).__name__}: {error}; expected the "
+                "id of a Gymnasium environment, or a function without arguments that makes one"
+            ) from error
+    if isinstance(made, gymnasium.Env):
+        return made
+    remedy = "an environment of the old Gym must be wrapped"
+    if isinstance(made, VectorEnv):
+        remedy = "give a single environment, of which as many are made as are needed"
+    raise ConfigError(
+        f"env={source!r}: {'it is' if made is source else 'it makes'} {made!r}, expected a "
+        f"gymnasium.Env; {remedy}"
     )

@@ -8,8 +8,8 @@ from typing import Any
 
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
-from zoac.core.task import Task
 from zoac.rollout.engine import RolloutEngine
+from zoac.rollout.task import Task
 
 
 def nothing() -> None:
@@ -38,11 +38,11 @@ class Executor(ABC):
     def evaluate(
         self, proposals: Sequence[Proposal], background_update: Callable[[], None] = nothing
     ) -> list[Segment]:
-        """Run seeded proposals in environments of their own, 0, 1, ...: the tuning environments do not notice."""
+        """Run seeded proposals in environments of their own, apart from those of tuning."""
 
     @abstractmethod
     def state(self) -> dict[int, Any]:
-        """Return the state of every tuning environment, by environment id; see `zoac.core.state`."""
+        """Return the state of every tuning environment, by its index."""
 
     @abstractmethod
     def restore(self, state: Mapping[int, Any]) -> None:
@@ -58,7 +58,7 @@ class Executor(ABC):
 
 
 class RolloutHost:
-    """The tuning environments of one process, and evaluation environments made when first needed."""
+    """The tuning environments of one process, and those of evaluation once needed."""
 
     def __init__(self, task: Task, env_indices: Sequence[int], seed: int) -> None:
         self._task = task

@@ -1,4 +1,4 @@
-"""Environments spread over workers, whatever these are: processes here, actors of a cluster elsewhere."""
+"""Environments divided among workers: processes here, or actors of a cluster."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import cloudpickle
 import numpy as np
 
 from zoac.core.segments import Proposal, Segment
-from zoac.core.task import Task
 from zoac.executors.base import Executor, nothing
+from zoac.rollout.task import Task
 
 
 class Handle(ABC):

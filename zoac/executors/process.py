@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from zoac.core.errors import WorkerError
-from zoac.core.task import Task
 from zoac.core.types import Count
 from zoac.executors.pool import Handle, Pool
 from zoac.executors.worker import receive, send
+from zoac.rollout.task import Task
 
 
 class Process(Pool):

@@ -11,10 +11,10 @@ import time
 from typing import Any
 
 from zoac.core.errors import ConfigError, WorkerError
-from zoac.core.task import Task
 from zoac.core.types import Count, Positive
 from zoac.executors.pool import Handle, Pool
 from zoac.executors.worker import Worker, answered
+from zoac.rollout.task import Task
 
 try:
     import ray

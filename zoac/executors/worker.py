@@ -8,6 +8,7 @@ input does, whatever it is at, so it never outlives the process that started it.
 from __future__ import annotations
 
 import os
+import signal
 import struct
 import sys
 import threading
@@ -20,7 +21,6 @@ import cloudpickle
 
 from zoac.core.errors import WorkerError, ZoacError
 from zoac.executors.base import RolloutHost
-from zoac.executors.lifeline import die_with_parent
 
 _LENGTH = struct.Struct("<Q")
 
@@ -107,7 +107,7 @@ class Worker:
         assert self._host is not None
         if env_states == CANNOT_BE_SAVED:
             raise WorkerError(
-                "a worker died, and its environments cannot be put back to where they stood, because the "
+                "a worker died, and its environments cannot be restored, because the "
                 "environment or controller cannot be saved. The same command goes on from the last "
                 "checkpoint, with new episodes"
             )
@@ -137,6 +137,18 @@ def _portable(error: Exception) -> Exception:
             said.add_note(note)
         return said
     return error
+
+
+def die_with_parent() -> None:
+    """Have the kernel kill this process when the thread that started it ends, where it can.
+
+    A thread of Python's own cannot see to that while a user's library holds the interpreter.
+    """
+    if sys.platform == "linux":
+        import ctypes
+
+        set_parent_death_signal = 1
+        ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
 
 
 def main() -> None:

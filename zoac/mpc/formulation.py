@@ -26,7 +26,7 @@ from functools import lru_cache
 import cvxpy as cp
 import numpy as np
 
-from zoac.core.compiled import compiled
+from zoac.mpc.compiled import compiled
 from zoac.mpc.problem import LinearisedProblem
 from zoac.mpc.solvers.scaling import Units
 

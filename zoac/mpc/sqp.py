@@ -14,9 +14,9 @@ from typing import Literal, Protocol, get_args
 
 import numpy as np
 
-from zoac.core.compiled import compiled
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.types import Count
+from zoac.mpc.compiled import compiled
 from zoac.mpc.problem import LinearisedProblem, Solution, Solver, Sparsity, Status
 from zoac.mpc.solvers.scaling import units
 

@@ -6,7 +6,7 @@ and constraints with any excess: more steps or more excess are worse, and no vio
 
 Tuners that see episodes rank by it first and by cost second: Deb's rules (2000). So every episode
 that breaks a constraint is behind every one that does not, whatever costs come earlier or later
-(`zoac.core.outcomes`).
+(`zoac.rollout.outcomes`).
 
 Tuners that learn from steps (ZOAC) see costs alone. There a step with violation w costs M w more, M
 being the range of what whole episodes have cost so far. Costs that come later may widen that range;
@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from zoac.core.measures import Constraint
 from zoac.core.segments import Segment
-from zoac.core.task import Constraint
 
 
 def excess(segment: Segment, constraints: Sequence[Constraint]) -> np.ndarray:

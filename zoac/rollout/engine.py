@@ -19,7 +19,7 @@ from zoac.core.state import OwnObject
 from zoac.rollout.buffer import Recording
 
 if TYPE_CHECKING:
-    from zoac.core.task import Task
+    from zoac.rollout.task import Task
 
 
 @dataclass(slots=True)
@@ -204,7 +204,7 @@ class RolloutEngine:
         return _Running(index, row, proposal.horizon, bool(self._steps[env_index] == 0), resume)
 
     def _begin_anew(self, env_index: int) -> None:
-        """Have `environment`, which failed or cannot be put back, start an episode of its own next."""
+        """Have an environment that failed or cannot be restored begin a new episode next."""
         self._restarts[env_index] += 1
         seed = stream_seed(self._seeds[env_index], "restart", int(self._restarts[env_index]))
         self._first_seeds[env_index] = seed
@@ -228,7 +228,7 @@ class RolloutEngine:
         self._needs_reset[env_index] = env_index in self._not_begun
 
     def _live(self, env_index: int) -> dict[str, LiveController]:
-        """Return the controller objects of an environment that change in place, by the memory's name."""
+        """Return the controller objects that change in place, by the memory's name."""
         rows = {name: value[env_index] for name, value in self._initial_memory.items()}
         return {name: row for name, row in rows.items() if isinstance(row, LiveController)}
 
@@ -274,7 +274,7 @@ class RolloutEngine:
         memory: Mapping[str, np.ndarray],
         env_indices: np.ndarray,
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]:
-        """Ask the controller; with a penalty, an environment whose controller fails acts with zero."""
+        """Ask the controller; with a penalty, one that fails acts with zero."""
         # Which environment fails is seen by asking one at a time; twice only what cannot remember.
         if len(env_indices) == 1 or not self._live(0):
             try:
@@ -346,7 +346,8 @@ class RolloutEngine:
         """Say for an error message where an environment stands."""
         values = ", ".join(f"{name}={v[env_index]:.6g}" for name, v in self._parameters.items())
         return (
-            f"Environment {self._env_indices[env_index]}, step {self._steps[env_index]} of its episode, "
+            f"Environment {self._env_indices[env_index]}, step {self._steps[env_index]} of its "
+            "episode, "
             f"parameters: {values}"
         )
 
@@ -360,7 +361,8 @@ class RolloutEngine:
             if not self._told:
                 self._told = True
                 print(
-                    f"an environment cannot be copied any more ({type(error).__name__}: {error}): it goes "
+                    f"an environment cannot be copied any more ({type(error).__name__}: {error}): "
+                    "it goes "
                     "on from where it stands, and held-out episodes begin anew",
                     file=sys.stderr,
                 )

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from zoac.core.measures import Constraint, Metric
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
-from zoac.core.task import Constraint, Metric
 from zoac.rollout.constraints import violations
 
 

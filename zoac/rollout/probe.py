@@ -15,7 +15,8 @@ from zoac.envs.base import VecEnv
 from zoac.rollout.engine import RolloutEngine
 
 if TYPE_CHECKING:
-    from zoac.core.task import Memory, Task
+    from zoac.core.controller import Memory
+    from zoac.rollout.task import Task
 
 STEPS = 20
 """Steps of the trial from a saved state, and again after the next reset."""

@@ -15,7 +15,7 @@ from zoac.core.types import is_number
 from zoac.runs import schema
 
 if TYPE_CHECKING:
-    from zoac.core.task import Task
+    from zoac.rollout.task import Task
 
 
 def export(parameters: Mapping[str, Any], path: str | Path, units: Mapping[str, str]) -> Path:

@@ -54,7 +54,7 @@ def told(parts: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
     """Return things, or dicts of them, as `described`; and a sentence for each that cannot be told.
 
     Args:
-        parts: Things by name, such as `zoac.core.task.Task.parts` returns.
+        parts: Things by name, such as `zoac.rollout.task.Task.parts` returns.
     """
     texts: dict[str, Any] = {}
     doubts: list[str] = []

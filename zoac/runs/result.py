@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from zoac.config import factory
 from zoac.config.validate import TARGET
 from zoac.core.errors import RunFolderError
-from zoac.core.task import Task
+from zoac.rollout.task import Task
 from zoac.runs import schema
 from zoac.runs.export import TunedController, export
 from zoac.runs.trust import foreign_code

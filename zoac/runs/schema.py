@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from zoac.config.settings import WITHOUT_EFFECT
 from zoac.core.errors import RunFolderError
 
 FORMAT = 1
@@ -29,17 +30,6 @@ RUN, METRICS, RESULT = "run.json", "metrics.jsonl", "result.json"
 CHECKPOINTS = "checkpoint"
 TASK = "task.pkl"
 """The task of a run that was not started from a YAML file."""
-
-CLOCKS = (
-    "wall_seconds", "compute_seconds", "solver_seconds", "tuner_seconds", "evaluation_seconds",
-    "checkpoint_seconds",
-)  # fmt: skip
-"""Keys of results and rows that tell time: all else is the same for the same seed."""
-
-# Keys of the configuration that cannot change a run's numbers.
-WITHOUT_EFFECT = (
-    "executor", "logger", "runs_dir", "variant", "resume", "checkpoint_seconds", "hydra",
-)  # fmt: skip
 
 
 def config_hash(config: Mapping[str, Any]) -> str:

@@ -12,7 +12,7 @@ from zoac.core.errors import ConfigError
 OWN = ("zoac.tasks.", "zoac.mpc.")
 """Packages whose classes a configuration may name without being trusted."""
 
-USER_TASK = "zoac.envs.user_task.user_task"
+USER_TASK = "zoac.tasks.user_task.user_task"
 NAMED_CODE = ("env", "controller", "metrics", "constraints")
 """Arguments of `user_task` that may name code by dotted path, or by name and path."""
 

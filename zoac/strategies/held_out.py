@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from zoac.core.outcomes import bad_is_infinite, cost_sums, ranking
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner, TunerStrategy
+from zoac.rollout.outcomes import bad_is_infinite, cost_sums, ranking
 
 
 class HeldOut:
@@ -88,7 +88,7 @@ class HeldOut:
         ]
 
     def ask_within(self, steps: int) -> list[Proposal]:
-        """Return as many of the next episodes as keep the environments busy and surely take `steps`."""
+        """Return as many of the next episodes as keep all busy and fit into `steps`."""
         return self.ask(max(1, min(self.busy, steps // self.steps(1))))
 
     @property

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from zoac.core.outcomes import Outcomes
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner, TunerStrategy
+from zoac.rollout.outcomes import Outcomes
 
 
 class InitialDesign(Tuner):

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from zoac.core.outcomes import bad_is_infinite, cost_sums, ranking
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem
+from zoac.rollout.outcomes import bad_is_infinite, cost_sums, ranking
 
 SHORTEST = 1 / 40
 """Horizon of the first round, as a part of an episode's time limit."""

@@ -44,7 +44,8 @@ def _of_the_start(result: Mapping[str, Any]) -> list[str]:
     told = []
     if clearly_higher(np.array(costs), np.array(start["cost_per_episode"])):
         told.append(
-            f"The answer is worse than the baseline values: cost {result['cost_mean']:.4g} instead of "
+            f"The answer is worse than the baseline values: cost {result['cost_mean']:.4g} instead "
+            "of "
             f"{start['cost_mean']:.4g} on the same {episodes} final episodes."
         )
     for what, count, before in (
@@ -103,6 +104,7 @@ def _of_the_acceptance_test(result: Mapping[str, Any]) -> list[str]:
     if acceptance_test["pairs"] >= MIN_PAIRS:
         return []
     return [
-        f"The acceptance test had {acceptance_test['pairs']} pairs of episodes and fewer than {MIN_PAIRS} "
+        f"The acceptance test had {acceptance_test['pairs']} pairs of episodes and fewer than "
+        f"{MIN_PAIRS} "
         "accept nothing, so the answer is the baseline values: give gate or budget more steps."
     ]

@@ -22,16 +22,19 @@ from typing import Any
 import numpy as np
 
 from zoac.config import factory
+from zoac.config.settings import Settings
 from zoac.config.validate import TARGET, locate
 from zoac.core.errors import ConfigError, RunFolderError
-from zoac.core.task import Task
 from zoac.core.tuner import Tuner
 from zoac.executors.base import Executor
-from zoac.executors.lifeline import is_cut
+from zoac.loggers.base import Logger
+from zoac.loggers.console import Console
+from zoac.rollout.task import Task
 from zoac.runs import fingerprint, schema
 from zoac.runs.lock import HeldError, locked
-from zoac.runs.log import Console, Logger, RunLog
-from zoac.training.trainer import Interrupted, Settings, Trainer
+from zoac.runs.log import RunLog
+from zoac.training.lifeline import is_cut
+from zoac.training.trainer import Interrupted, Trainer
 
 PACKAGES = (
     "zoac", "numpy", "torch", "gymnasium", "hydra-core", "cvxpy", "clarabel", "numba", "nevergrad",

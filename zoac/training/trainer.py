@@ -10,68 +10,23 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
+from zoac.config.settings import Settings
 from zoac.core.errors import NothingWorksError, ZoacError
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Segment
 from zoac.core.state import encode
-from zoac.core.task import Task
 from zoac.core.tuner import Tuner
-from zoac.core.types import Count, Fraction, Natural, NonNegative
 from zoac.executors.base import Executor
 from zoac.rollout.constraints import FeasibilityFirst
 from zoac.rollout.evaluation import evaluation_proposals, evaluation_row
+from zoac.rollout.task import Task
 from zoac.runs.checkpoint import fitting, unfit
 from zoac.runs.log import RunLog
 from zoac.training.answer_checks import warnings
-
-SideBySide = Annotated[int, Field(ge=1, le=100_000)]  # all in memory at once
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What a run is told beside its task and its tuner.
-
-    Args:
-        seed: Of everything but the evaluation episodes.
-        budget: Environment steps for tuning; evaluation is not counted.
-        environments: Environments side by side.
-        eval_every: Environment steps between evaluations.
-        episodes: Evaluation episodes during tuning.
-        final_episodes: Evaluation episodes of the final figure.
-        evaluation_seed: Of the evaluation episodes, the same for all runs that are compared.
-        checkpoint_seconds: Wall seconds between checkpoints.
-        trust: How far the baseline values are trusted, from 0 to 1; see
-            `zoac.strategies.acceptance_test.trusted`.
-        gate: Share of the budget for proof that the answer beats the start; see
-            `zoac.strategies.acceptance_test.AcceptanceTest`.
-        select: "best_evaluated": the answer is the best of the evaluated recommendations, see
-            `zoac.strategies.best_evaluated`; "last" or None: what the tuner recommends at the end.
-        scout: Random points of which the best is the tuner's start; see
-            `zoac.strategies.initial_design.InitialDesign`.
-        common_random_numbers: Points of a batch meet the same episode; see
-            `zoac.strategies.initial_design.CommonRandomNumbers`.
-        failure_penalty: The task's, see `zoac.core.task.Task`; here to be checked with the rest.
-    """
-
-    seed: Natural = 0
-    budget: Natural = 500_000
-    num_envs: SideBySide = 10
-    eval_every: Count = 10_000
-    episodes: SideBySide = 10
-    final_episodes: SideBySide = 100
-    evaluation_seed: Natural = 0
-    checkpoint_seconds: NonNegative = 30.0
-    trust: Annotated[float, Field(ge=0, le=1)] | None = None
-    acceptance_test: Fraction | None = None
-    select: Literal["last", "best_evaluated"] | None = None
-    failure_penalty: float | None = None
-    initial_samples: Count | None = None
-    common_random_numbers: bool | None = None
 
 
 @dataclass
@@ -265,7 +220,7 @@ class Trainer:
         return self._log.finish({**result, "warnings": warnings(result, earlier)})
 
     def _start(self) -> dict[str, Any]:
-        """Return what the baseline values cost on the final evaluation episodes, if there are any."""
+        """Return what the baseline costs on the final evaluation episodes, if there is one."""
         if self._task.baseline is None:
             return {}
         x = self._task.space.normalise(self._task.baseline)
@@ -340,7 +295,7 @@ class Trainer:
         }
 
     def _saved_lanes(self) -> Any:
-        """Return the environments' state; None, said once, if there is something that cannot be saved."""
+        """Return the environments' state; None, and say so once, if it cannot be saved."""
         if self._lanes_unsaved:
             return None
         try:
@@ -351,7 +306,10 @@ class Trainer:
             reason = error if isinstance(error, ZoacError) else f"{type(error).__name__}: {error}"
             more = ""
             if self._task.restore_fault is not None:
-                more = "no two segments begin in one state, held-out episodes end an environment's own, "
+                more = (
+                    "no two segments begin in one state, held-out episodes end an environment's "
+                    "own, "
+                )
             print(
                 f"the environment or controller cannot be saved ({reason}): {more}"
                 "if this run is stopped, it goes on with new episodes, and so not to the same "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from zoac.core.compiled import compiled
+from zoac.mpc.compiled import compiled
 from zoac.mpc.problem import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.scaling import units
 

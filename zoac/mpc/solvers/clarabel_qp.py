@@ -16,8 +16,8 @@ import cvxpy as cp
 import numpy as np
 import scipy.sparse as sparse
 
-from zoac.core.compiled import compiled
 from zoac.core.types import Count, Fraction
+from zoac.mpc.compiled import compiled
 from zoac.mpc.formulation import Layout, build_problem, write_parameters
 from zoac.mpc.problem import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.certificate import certified
@@ -210,7 +210,7 @@ def _multiply(
     vectors: np.ndarray,
     products: np.ndarray,
 ) -> None:
-    """Write matrix (r, c) @ vectors[environment] (c,) into products[environment] (r,); the matrix is sparse."""
+    """Write sparse matrix (r, c) @ vectors[i] (c,) into products[i] (r,) for every i."""
     for env_index in range(len(vectors)):
         for row in range(len(starts) - 1):
             total = 0.0

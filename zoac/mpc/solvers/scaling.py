@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zoac.core.compiled import compiled
+from zoac.mpc.compiled import compiled
 from zoac.mpc.problem import LinearisedProblem
 
 STATE_RANGE, INPUT_RANGE, COST_RANGE = 2.0**7, 2.0**10, 2.0**20

@@ -1,69 +1,32 @@
-"""What a tuner tunes: an environment, a controller, and the space of its parameters."""
+"""What is reported of segments beside their cost: metrics, constraints, and traces for figures."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from zoac.core.errors import ConfigError, ZoacError, suggest
-from zoac.core.parameters import ParameterSpace
 from zoac.core.types import is_number
-from zoac.envs.base import VecEnv
-from zoac.rollout import probe
-from zoac.runs.schema import CLOCKS
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from zoac.core.segments import Segment
 
-Parameters = Mapping[str, np.ndarray]
-Memory = Mapping[str, np.ndarray]
-Diagnostics = Mapping[str, np.ndarray]
-
-
-class Controller(Protocol):
-    """A pure function of (parameters, observation, memory), batched over n environments.
-
-    Whatever lasts from step to step is `memory`: arrays with one row per environment, begun anew at
-    every episode start and kept when the parameters change in mid-episode. `act` must not change
-    its arguments, must not remember anything else, and must compute each environment from that
-    environment's rows alone.
-    """
-
-    def init(self, n: int) -> Memory:
-        """Return the memory of `n` environments at the start of an episode; `{}` if there is none."""
-        ...
-
-    def act(
-        self, params: Parameters, obs: np.ndarray, memory: Memory
-    ) -> tuple[np.ndarray, Memory, Diagnostics]:
-        """Return actions (n, m), the next memory, and diagnostics.
-
-        Args:
-            params: Physical values by name, each (n,): one value per environment.
-            obs: Observations (n, o).
-            memory: As returned by `init` or the call before.
-
-        Returns:
-            Actions (n, m); memory; diagnostics by name, arrays with n rows (the same names at
-            every step), which are stored with the segment. `solver_seconds` (n,) and
-            `solver_failed` (n,) bool are names that the accounting knows.
-        """
-        ...
-
+CLOCKS = (
+    "wall_seconds", "compute_seconds", "solver_seconds", "tuner_seconds", "evaluation_seconds",
+    "checkpoint_seconds",
+)  # fmt: skip
+"""Keys of results and rows that tell time: all else is the same for the same seed."""
 
 RESERVED = frozenset({
     "format", "task", "tuner", "seed", "variant", "config_hash", "kind", "final", "x", "parameters",
     "env_steps", "cost_mean", "cost_std", "cost_per_episode", "episode_lengths", "terminations",
     "violations", "violations_by_constraint", "env_restarts", "tuning_terminations",
-    "baseline_cost_mean", "start", "acceptance_test", "select", "warnings", "failures", "first_failure", *CLOCKS,
+    "baseline_cost_mean", "start", "acceptance_test", "select", "warnings", "failures",
+    "first_failure", *CLOCKS,
 })  # fmt: skip
 """Keys of evaluation rows and of `result.json`, which no metric may take. `solver_failures` is
 free: a metric of that name counts an evaluation's, `result.json` those of the whole run."""
@@ -207,80 +170,3 @@ class Trace:
     x_label: str = "Step"
     reference: tuple[np.ndarray, np.ndarray] | None = None
     limits: tuple[float, ...] = ()
-
-
-class Task(ABC):
-    """Environment + controller + space + metrics."""
-
-    space: ParameterSpace
-    metrics: tuple[Metric, ...] = ()
-    constraints: tuple[Constraint, ...] = ()
-    fixed: Mapping[str, float] = {}
-    """Parameters that the controller has beside those in `space`, by name."""
-    failure_penalty: float | None = None
-    """Cost of a step that fails, which ends its episode: the controller raises, or acts with what
-    is not finite or of the wrong shape; or the environment raises, or returns an observation or a
-    cost that is not finite. None: such a step ends the run, with a message."""
-    objective: str = ""
-    """Which signal is minimised, where the first line of a run is to say it."""
-    baseline: Mapping[str, Any] | None = None
-    """Reference parameters that are not tuned, for tasks that have them."""
-    tuned_for: Mapping[str, Mapping[str, Any]] = {}
-    """Tuner's name -> options that suit this task; where nothing else is said, they hold."""
-
-    def parts(self) -> dict[str, Any]:
-        """Return what tells this task from others beyond its configuration, by name.
-
-        Functions, classes and objects, or dicts of them; see `zoac.runs.fingerprint`.
-        """
-        return {"task": self}
-
-    @abstractmethod
-    def make_env(self, n: int) -> VecEnv:
-        """Return an environment of `n` environments."""
-
-    @abstractmethod
-    def make_controller(self) -> Controller:
-        """Return the controller."""
-
-    @cached_property
-    def restore_fault(self) -> str | None:
-        """Why an environment cannot be put back to where it stood; None: a trial showed that it can."""
-        return probe.restore_fault(self.make_env) or probe.controller_fault(self)
-
-    @cached_property
-    def save_fault(self) -> str | None:
-        """Why an environment cannot be saved and put back into another environment; None: it can."""
-        return (
-            self.restore_fault
-            or probe.restore_fault(self.make_env, pickled=True)
-            or probe.controller_fault(self, pickled=True)
-        )
-
-    @cached_property
-    def horizon(self) -> probe.Horizon:
-        """How long episodes are."""
-        return probe.horizon(self)
-
-    def tuning_costs(self, segment: Segment) -> np.ndarray:
-        """Return the costs (T,) that a tuner sees; evaluation always reports the plain ones."""
-        return segment.costs
-
-    def env_action(self, action: np.ndarray) -> Any:
-        """Return a controller's action (m,) as one environment of this task takes it."""
-        return action
-
-    def traces(self, segment: Segment) -> list[Trace]:
-        """Return what figures show of a segment; by default every observation, action and cost.
-
-        Every segment must give the same traces, in the same order.
-        """
-        steps = np.arange(segment.length + 1)
-        shown = [(f"Observation {i}", column) for i, column in enumerate(segment.observations.T)]
-        shown += [(f"Action {i}", column) for i, column in enumerate(segment.actions.T)]
-        shown += [("Cost", segment.costs)]
-        return [Trace(title, steps[: len(column)], column) for title, column in shown]
-
-    def draw(self, axes: Axes, segment: Segment, step: int) -> bool:
-        """Draw the plant as it stands after `step` steps; return whether there is a picture."""
-        return False

@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.vector import VectorEnv
 
 from zoac.config.validate import check_code, locate
 from zoac.controllers.user_controller import as_controller
-from zoac.core.errors import ConfigError, ZoacError
+from zoac.core.controller import Controller
+from zoac.core.errors import ConfigError
+from zoac.core.measures import Constraint, Metric
 from zoac.core.parameters import Parameter, ParameterSpace, choice
-from zoac.core.task import Constraint, Controller, Metric, Task
 from zoac.core.types import is_number
-from zoac.envs.gymnasium_adapter import Bounds, GymnasiumVecEnv, copy_of, env_action
+from zoac.envs.gymnasium_adapter import (
+    Bounds,
+    EnvSource,
+    GymnasiumVecEnv,
+    env_action,
+    single_env,
+)
 from zoac.envs.objective import Objective
-
-EnvSource = str | gymnasium.Env | Callable[[], gymnasium.Env]
+from zoac.rollout.task import Task
 
 
 class UserTask(Task):
@@ -109,36 +114,6 @@ class UserTask(Task):
         return other
 
 
-def single_env(source: EnvSource) -> gymnasium.Env:
-    """Return an environment of its own from what a user gives.
-
-    Raises:
-        ConfigError: If it cannot be made, or is no `gymnasium.Env`.
-    """
-    if isinstance(source, gymnasium.Env):
-        return copy_of(source)
-    made: Any = source
-    if isinstance(source, str) or (callable(source) and not isinstance(source, VectorEnv)):
-        try:
-            made = gymnasium.make(source) if isinstance(source, str) else source()
-        except ZoacError:
-            raise
-        except Exception as error:  # whatever a user's constructor raises
-            raise ConfigError(
-                f"env={source!r}: making it raised {type(error).__name__}: {error}; expected the "
-                "id of a Gymnasium environment, or a function without arguments that makes one"
-            ) from error
-    if isinstance(made, gymnasium.Env):
-        return made
-    remedy = "an environment of the old Gym must be wrapped"
-    if isinstance(made, VectorEnv):
-        remedy = "give a single environment, of which as many are made as are needed"
-    raise ConfigError(
-        f"env={source!r}: {'it is' if made is source else 'it makes'} {made!r}, expected a "
-        f"gymnasium.Env; {remedy}"
-    )
-
-
 def user_task(
     *,
     env: EnvSource,
@@ -152,7 +127,7 @@ def user_task(
     vary: Mapping[str, Bounds] | None = None,
     objective: str = "auto",
 ) -> UserTask:
-    """Return a task from what a user has; `_target_: zoac.envs.user_task.user_task` in a YAML file.
+    """Return a task from what a user has; the `_target_` of a YAML file of his own.
 
     Args:
         env: A Gymnasium id, a function (or class) that makes an environment, its dotted path, or

@@ -1,16 +1,13 @@
 """Processes that end with the process that started them, however that one ends.
 
-A worker process ends when the pipe of its requests does, and on Linux the kernel ends it. A job of
-a sweep on this machine follows the sweep's lifeline: a locked file, which the system unlocks when
-the process of the sweep ends. The job then stops after its iteration, with a checkpoint, and its
-process ends within `GRACE` seconds.
+A job of a sweep on this machine follows the sweep's lifeline: a locked file, which the system
+unlocks when the process of the sweep ends. The job then stops after its iteration, with a
+checkpoint, and its process ends within `GRACE` seconds.
 """
 
 from __future__ import annotations
 
 import os
-import signal
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -25,18 +22,6 @@ GRACE = 3.0
 
 _POLL = 0.25
 _cut = threading.Event()
-
-
-def die_with_parent() -> None:
-    """Have the kernel kill this process when the thread that started it ends, where it can.
-
-    A thread of Python's own cannot see to that while a user's library holds the interpreter.
-    """
-    if sys.platform == "linux":
-        import ctypes
-
-        set_parent_death_signal = 1
-        ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
 
 
 def hold(folder: Path) -> Callable[[], None]:

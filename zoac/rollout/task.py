@@ -1,0 +1,97 @@
+"""What a tuner tunes: an environment, a controller, and the space of its parameters."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zoac.core.controller import Controller
+from zoac.core.measures import Constraint, Metric, Trace
+from zoac.core.parameters import ParameterSpace
+from zoac.core.segments import Segment
+from zoac.envs.base import VecEnv
+from zoac.rollout import probe
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+class Task(ABC):
+    """Environment + controller + space + metrics."""
+
+    space: ParameterSpace
+    metrics: tuple[Metric, ...] = ()
+    constraints: tuple[Constraint, ...] = ()
+    fixed: Mapping[str, float] = {}
+    """Parameters that the controller has beside those in `space`, by name."""
+    failure_penalty: float | None = None
+    """Cost of a step that fails, which ends its episode: the controller raises, or acts with what
+    is not finite or of the wrong shape; or the environment raises, or returns an observation or a
+    cost that is not finite. None: such a step ends the run, with a message."""
+    objective: str = ""
+    """Which signal is minimised, where the first line of a run is to say it."""
+    baseline: Mapping[str, Any] | None = None
+    """Reference parameters that are not tuned, for tasks that have them."""
+    tuned_for: Mapping[str, Mapping[str, Any]] = {}
+    """Tuner's name -> options that suit this task; where nothing else is said, they hold."""
+
+    def parts(self) -> dict[str, Any]:
+        """Return what tells this task from others beyond its configuration, by name.
+
+        Functions, classes and objects, or dicts of them; see `zoac.runs.fingerprint`.
+        """
+        return {"task": self}
+
+    @abstractmethod
+    def make_env(self, n: int) -> VecEnv:
+        """Return an environment of `n` environments."""
+
+    @abstractmethod
+    def make_controller(self) -> Controller:
+        """Return the controller."""
+
+    @cached_property
+    def restore_fault(self) -> str | None:
+        """Why an environment cannot be restored; None: a trial showed that it can."""
+        return probe.restore_fault(self.make_env) or probe.controller_fault(self)
+
+    @cached_property
+    def save_fault(self) -> str | None:
+        """Why an environment cannot be restored in another process; None: it can."""
+        return (
+            self.restore_fault
+            or probe.restore_fault(self.make_env, pickled=True)
+            or probe.controller_fault(self, pickled=True)
+        )
+
+    @cached_property
+    def horizon(self) -> probe.Horizon:
+        """How long episodes are."""
+        return probe.horizon(self)
+
+    def tuning_costs(self, segment: Segment) -> np.ndarray:
+        """Return the costs (T,) that a tuner sees; evaluation always reports the plain ones."""
+        return segment.costs
+
+    def env_action(self, action: np.ndarray) -> Any:
+        """Return a controller's action (m,) as one environment of this task takes it."""
+        return action
+
+    def traces(self, segment: Segment) -> list[Trace]:
+        """Return what figures show of a segment; by default every observation, action and cost.
+
+        Every segment must give the same traces, in the same order.
+        """
+        steps = np.arange(segment.length + 1)
+        shown = [(f"Observation {i}", column) for i, column in enumerate(segment.observations.T)]
+        shown += [(f"Action {i}", column) for i, column in enumerate(segment.actions.T)]
+        shown += [("Cost", segment.costs)]
+        return [Trace(title, steps[: len(column)], column) for title, column in shown]
+
+    def draw(self, axes: Axes, segment: Segment, step: int) -> bool:
+        """Draw the plant as it stands after `step` steps; return whether there is a picture."""
+        return False
