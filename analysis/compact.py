@@ -78,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _command(options: argparse.Namespace) -> None:
     runs = cli.load_aloud(options.runs, episodes=not options.summary).some_finished()
-    left_out = (*LISTS, "start") if options.summary else ()
+    left_out = (*LISTS, "baseline") if options.summary else ()
     evaluated = () if options.summary else runs
     files = {
         RUNS: runs_csv(runs, options.digits, left_out),

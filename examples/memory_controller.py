@@ -65,9 +65,9 @@ def main():
         env=Mass,
         controller=Pid(),
         space={
-            "kp": {"low": 0.0, "high": 10.0, "start": 1.0, "unit": "N/m"},
-            "ki": {"low": 0.0, "high": 5.0, "start": 0.1, "unit": "N/(m s)"},
-            "kd": {"low": 0.0, "high": 10.0, "start": 1.0, "unit": "N s/m"},
+            "kp": {"low": 0.0, "high": 10.0, "baseline": 1.0, "unit": "N/m"},
+            "ki": {"low": 0.0, "high": 5.0, "baseline": 0.1, "unit": "N/(m s)"},
+            "kd": {"low": 0.0, "high": 10.0, "baseline": 1.0, "unit": "N s/m"},
         },
         constraints={"speed": too_fast},
         tuner="cmaes",

@@ -14,10 +14,10 @@ import numpy as np
 import zoac
 
 SPACE = {
-    "energy": {"low": 0.0, "high": 1.0, "start": 0.1, "unit": "N m s/rad per (rad/s)^2"},
-    "kp": {"low": 0.0, "high": 30.0, "start": 10.0, "unit": "N m/rad"},
-    "kd": {"low": 0.0, "high": 10.0, "start": 2.0, "unit": "N m s/rad"},
-    "switch": {"low": 0.1, "high": 1.5, "start": 0.5, "unit": "rad"},
+    "energy": {"low": 0.0, "high": 1.0, "baseline": 0.1, "unit": "N m s/rad per (rad/s)^2"},
+    "kp": {"low": 0.0, "high": 30.0, "baseline": 10.0, "unit": "N m/rad"},
+    "kd": {"low": 0.0, "high": 10.0, "baseline": 2.0, "unit": "N m s/rad"},
+    "switch": {"low": 0.1, "high": 1.5, "baseline": 0.5, "unit": "rad"},
 }
 
 

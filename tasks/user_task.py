@@ -38,7 +38,7 @@ class UserTask(Task):
         controller: Any,
         space: ParameterSpace,
         fixed: Mapping[str, float] | None = None,
-        start: Mapping[str, Any] | None = None,
+        baseline: Mapping[str, Any] | None = None,
         metrics: Sequence[Metric] = (),
         max_episode_steps: int | None = None,
         constraints: Sequence[Constraint] = (),
@@ -53,7 +53,7 @@ class UserTask(Task):
             controller: See `zoac.controllers.user_controller.as_controller`.
             space: What is tuned.
             fixed: Parameters that are not.
-            start: Today's values, for comparison and as a start.
+            baseline: Today's values, for comparison and as a start.
             metrics: Reported beside the cost.
             max_episode_steps: Cut episodes here.
             constraints: What must hold at every step.
@@ -63,7 +63,7 @@ class UserTask(Task):
         """
         self._env, self._controller, self.fixed = env, controller, dict(fixed or {})
         self.space, self.metrics, self.constraints = space, tuple(metrics), tuple(constraints)
-        self.baseline = dict(start) if start is not None else None
+        self.baseline = dict(baseline) if baseline is not None else None
         self._max_episode_steps = max_episode_steps
         self._plant, self._vary = dict(plant or {}), dict(vary or {})
         self._objective, self.objective = objective, str(Objective(objective))
@@ -119,7 +119,7 @@ def user_task(
     env: EnvSource,
     controller: Any,
     space: ParameterSpace | Mapping[str, Any],
-    start: Mapping[str, Any] | None = None,
+    baseline: Mapping[str, Any] | None = None,
     metrics: Sequence[Metric] | Mapping[str, Any] = (),
     constraints: Sequence[Constraint] | Mapping[str, Any] = (),
     max_episode_steps: int | None = None,
@@ -135,7 +135,7 @@ def user_task(
         controller: See `zoac.controllers.user_controller.as_controller`; or the dotted path of such
             a thing.
         space: See `parse_space`.
-        start: Today's values, beside those that `space` names.
+        baseline: Today's values, beside those that `space` names.
         metrics: Reported beside the cost: `Metric`s, or functions of a segment, or their dotted
             paths, by name.
         constraints: What must hold at every step: `Constraint`s, or functions likewise.
@@ -163,9 +163,9 @@ def user_task(
     if isinstance(controller, str):
         controller = _code(controller, "controller")
     parsed, fixed, starts = parse_space(space)
-    if not isinstance(start, Mapping | None):
-        raise ConfigError(f"start={start!r}: expected values by name, such as {{'kp': 1.0}}")
-    starts = {**starts, **(start or {})}
+    if not isinstance(baseline, Mapping | None):
+        raise ConfigError(f"baseline={baseline!r}: expected values by name, such as {{'kp': 1.0}}")
+    starts = {**starts, **(baseline or {})}
     if starts:
         parsed.normalise(starts)  # says what is wrong with a start value
     task = UserTask(
@@ -235,7 +235,7 @@ def parse_space(
     Args:
         space: A `ParameterSpace`, or by name: `(low, high)`, `(low, high, "log")`,
             `(low, high, "integer")`, `{"low": ..., "high": ..., "scale": ..., "unit": ...,
-            "start": ...}`, `{"choices": [...], "start": ...}`, or one number, which is fixed.
+            "baseline": ...}`, `{"choices": [...], "baseline": ...}`, or one number, which is fixed.
 
     Raises:
         ConfigError: If an entry is none of these.
@@ -253,15 +253,15 @@ def parse_space(
             fixed[name] = float(entry)
         elif isinstance(entry, Mapping):
             fields = {key: _plain(value) for key, value in entry.items()}
-            if "start" in fields:
-                given = fields.pop("start")
-                start[name] = given if "choices" in fields else _number(given, f"{where}.start")
+            if "baseline" in fields:
+                given = fields.pop("baseline")
+                start[name] = given if "choices" in fields else _number(given, f"{where}.baseline")
             parameters.append(_parameter(name, fields))
         elif isinstance(entry, Sequence) and not isinstance(entry, str):
             if len(entry) > len(_FIELDS):
                 raise ConfigError(
                     f"{where}={entry!r}: expected at most {', '.join(_FIELDS)}; a start value goes "
-                    f"into a dict, such as {{'low': 0, 'high': 5, 'start': 1}}"
+                    f"into a dict, such as {{'low': 0, 'high': 5, 'baseline': 1}}"
                 )
             values = [_plain(value) for value in entry]
             parameters.append(_parameter(name, dict(zip(_FIELDS, values, strict=False))))
@@ -298,5 +298,5 @@ def _parameter(name: str, fields: Mapping[str, Any]) -> Parameter:
     except TypeError:
         raise ConfigError(
             f"space[{name!r}]={dict(fields)!r}: expected low and high, and if wanted "
-            "scale ('linear', 'log' or 'integer'), unit, start; or choices"
+            "scale ('linear', 'log' or 'integer'), unit, baseline; or choices"
         ) from None

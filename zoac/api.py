@@ -60,14 +60,14 @@ def tune(
     budget: int = 50_000,
     seed: int = 0,
     num_envs: int = 10,
-    start: Mapping[str, Any] | None = None,
+    baseline: Mapping[str, Any] | None = None,
     metrics: Sequence[Metric] | Mapping[str, Any] = (),
     constraints: Sequence[Constraint] | Mapping[str, Any] = (),
     max_episode_steps: int | None = None,
     plant: Mapping[str, float] | None = None,
     vary: Mapping[str, Bounds] | None = None,
     objective: str = "auto",
-    trust: float | None = None,
+    initial_sigma: float | None = None,
     acceptance_test: float | None = None,
     select: str | None = None,
     initial_samples: int | None = None,
@@ -98,7 +98,7 @@ def tune(
         budget: Environment steps for tuning.
         seed: Of everything.
         environments: Environments side by side.
-        start: Today's values, where the tuner then begins, if it can be told; their cost is
+        baseline: Today's values, where the tuner then begins, if it can be told; their cost is
             reported beside the result.
         metrics: Reported beside the cost: `Metric`s, or functions of a segment by name.
         constraints: What must hold at every step, likewise; see `zoac.rollout.constraints`.
@@ -109,8 +109,8 @@ def tune(
         objective: What is minimised: "reward", its negative; "cost", `info["cost"]`; "info:<key>",
             another number of info; "auto", the negative reward unless `info["cost"]` differs from
             it, which is refused.
-        trust: How far the baseline values are trusted, from 0 (good ones may lie far away) to 1
-            (they are nearly right): sets how far the tuner searches around them.
+        initial_sigma: Standard deviation of the search around the baseline in the mapped box
+            [-1, 1]^d, such as 0.1; the search then begins at the baseline.
         gate: Share of the budget, such as 0.2, for held-out episodes on which the answer must beat
             the baseline values; else they stay. `result.record["gate"]` tells.
         select: "best_evaluated": the answer is the best of the recommendations that were evaluated
@@ -141,7 +141,7 @@ def tune(
         RunFolderError: If `folder` holds another run.
     """
     options_of_task = {
-        "start": start,
+        "baseline": baseline,
         "metrics": metrics,
         "constraints": constraints,
         "max_episode_steps": max_episode_steps,
@@ -159,16 +159,18 @@ def tune(
     options = dict(tuner_options or {})
     if isinstance(task, Task):
         the_task = copy(task)  # the caller's stays as it is
-    if start is not None and task is not None:
-        the_task.baseline = dict(start)
-    told = start is not None or (isinstance(the_task, UserTask) and the_task.baseline is not None)
+    if baseline is not None and task is not None:
+        the_task.baseline = dict(baseline)
+    told = baseline is not None or (
+        isinstance(the_task, UserTask) and the_task.baseline is not None
+    )
     if told and "start" in config.tuner:
         options.setdefault("start", "baseline")
     _set(config, "tuner", options, f"tuner {tuner!r}")
     config.seed, config.num_envs = _whole("seed", seed), _whole("num_envs", num_envs)
     config.budget = _whole("budget", budget)
     for name, value in (
-        ("trust", trust),
+        ("initial_sigma", initial_sigma),
         ("acceptance_test", acceptance_test),
         ("failure_penalty", failure_penalty),
     ):
@@ -218,7 +220,7 @@ def _task(
     """Return the task to tune."""
     if task is not None:
         given = {"env": env, "controller": controller, "space": space}
-        given |= {name: value or None for name, value in options.items() if name != "start"}
+        given |= {name: value or None for name, value in options.items() if name != "baseline"}
         given["objective"] = None if options["objective"] == "auto" else options["objective"]
         doubled = [name for name, value in given.items() if value is not None]
         if doubled:
@@ -234,7 +236,7 @@ def _identity(task: Task, options: Mapping[str, Any]) -> dict[str, Any]:
     told = {
         "space": [str(p) for p in task.space.parameters],
         "fixed": dict(task.fixed),
-        "start": dict(task.baseline or {}),
+        "baseline": dict(task.baseline or {}),
         "max_episode_steps": options["max_episode_steps"],
         "plant": dict(options["plant"] or {}),
         "vary": dict(options["vary"] or {}),

@@ -46,7 +46,10 @@ def act(params, obs):
 @pytest.fixture
 def run(tmp_path):
     """Tuned to u = 1 by starting there and staying."""
-    space = {"u": {"low": -1, "high": 3, "start": 1.0}, "idle": {"low": 0, "high": 1, "start": 0.5}}
+    space = {
+        "u": {"low": -1, "high": 3, "baseline": 1.0},
+        "idle": {"low": 0, "high": 1, "baseline": 0.5},
+    }
     zoac.tune(
         env=Gain, controller=act, space=space, tuner="nominal", budget=0, episodes=1,
         final_episodes=4, max_episode_steps=3, quiet=True, folder=tmp_path / "run",

@@ -60,13 +60,13 @@ def test_processes_give_the_bits_of_serial():
 
 
 def test_start_values_are_where_zoac_begins_and_are_reported():
-    result = tune(space={"k": {"low": 0, "high": 2, "start": 1.5}}, budget=0)
+    result = tune(space={"k": {"low": 0, "high": 2, "baseline": 1.5}}, budget=0)
     assert result.parameters["k"] == pytest.approx(1.5)
     assert result.baseline_cost_mean == pytest.approx(result.cost_mean)
 
 
 def test_what_the_start_values_cost_stays_with_the_run(tmp_path):
-    space = {"k": {"low": 0, "high": 2, "start": 1.5}}
+    space = {"k": {"low": 0, "high": 2, "baseline": 1.5}}
     result = tune(space=space, folder=tmp_path / "run")
     nothing_tuned = tune(space=space, budget=0)
     assert result.baseline_cost_mean == pytest.approx(nothing_tuned.cost_mean)
@@ -101,7 +101,7 @@ def other(params, obs):
     [
         ({"controller": other}, "code.controller: 'tests.doors.test_api.proportional@"),
         ({"env": lambda: Drift()}, "code.env: 'tests.envs.test_adapters.Drift@"),
-        ({"start": {"k": 0.5}}, "task.start.k: '(absent)' there, 0.5 now"),
+        ({"baseline": {"k": 0.5}}, "task.baseline.k: '(absent)' there, 0.5 now"),
         ({"max_episode_steps": 19}, "task.max_episode_steps: 20 there, 19 now"),
         (
             {"metrics": {"effort": lambda s: s.costs}},
@@ -223,15 +223,15 @@ def test_a_task_that_is_tuned_stays_as_it_was():
     task = zoac.make_task("pid_acc")
     before = dict(task.baseline), task.failure_penalty
     zoac.tune(
-        task=task, start={"k": 1.0, "Kp": 1.0, "Ki": 0.1, "Kd": 1.0}, failure_penalty=9.0, budget=0,
-        num_envs=2, episodes=1, final_episodes=2, quiet=True,
+        task=task, baseline={"k": 1.0, "Kp": 1.0, "Ki": 0.1, "Kd": 1.0}, failure_penalty=9.0,
+        budget=0, num_envs=2, episodes=1, final_episodes=2, quiet=True,
     )  # fmt: skip
     assert (dict(task.baseline), task.failure_penalty) == before
 
 
 def test_start_values_may_stand_in_the_space_and_beside_it():
-    space = {"k": {"low": 0, "high": 2, "start": 1.5}, "other": (0, 1)}
-    result = tune(space=space, start={"other": 0.25}, budget=0)
+    space = {"k": {"low": 0, "high": 2, "baseline": 1.5}, "other": (0, 1)}
+    result = tune(space=space, baseline={"other": 0.25}, budget=0)
     assert result.parameters == pytest.approx({"k": 1.5, "other": 0.25})
 
 
@@ -250,10 +250,10 @@ def test_a_built_in_task_by_name():
         ({"tuner_options": {"sigma": -1}}, "tuner.sigma=-1"),
         ({"budget": -5}, "budget=-5"),
         ({"eval_every": 0}, "eval_every=0"),
-        ({"trust": "high"}, "trust='high': expected a number or None"),
+        ({"initial_sigma": "high"}, "initial_sigma='high': expected a number or None"),
         ({"controller": None}, "needs a task, or all of env, controller and space"),
         ({"task": "pid_acc"}, "either task or env"),
-        ({"space": {"k": {"low": 0, "high": 2, "start": 9}}}, "'k': 9.0 lies outside"),
+        ({"space": {"k": {"low": 0, "high": 2, "baseline": 9}}}, "'k': 9.0 lies outside"),
     ],
 )
 def test_what_cannot_be_used_is_named(changes, message):
@@ -290,7 +290,7 @@ def test_whole_numbers_may_be_written_as_floats_and_nothing_else_may():
 
 def test_the_console_tells_the_acceptance_tests_verdict_and_broken_constraints(capsys):
     result = tune(quiet=False, acceptance_test=0.5,
-                  space={"k": {"low": 0, "high": 2, "start": 1.5}},
+                  space={"k": {"low": 0, "high": 2, "baseline": 1.5}},
                   constraints={"never": lambda s: np.ones(s.length)})  # fmt: skip
     out = capsys.readouterr().out
     verdict = (

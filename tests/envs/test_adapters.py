@@ -183,7 +183,7 @@ def test_every_way_to_write_a_space():
         {
             "kp": (0, 5),
             "kd": (1e-3, 1e1, "log"),
-            "ki": {"low": 0, "high": 1, "unit": "1/s", "start": 0.5},
+            "ki": {"low": 0, "high": 1, "unit": "1/s", "baseline": 0.5},
             "bias": 2,
         }
     )
@@ -198,8 +198,8 @@ def test_every_way_to_write_a_space():
     [("x", "expected"), ((1,), "expected low and high"), ({"lo": 0, "high": 1}, "expected low"),
      ((5, 0), "must be below"),
      ((0, 5, "linear", "N", "zzz"), r"space\['k'\]=.*expected at most low, high, scale, unit"),
-     ({"low": 0, "high": 1, "start": "a"}, r"space\['k'\].start='a': expected a number"),
-     ({"low": 0, "high": 1, "start": None}, r"space\['k'\].start=None: expected a number")],
+     ({"low": 0, "high": 1, "baseline": "a"}, r"space\['k'\].baseline='a': expected a number"),
+     ({"low": 0, "high": 1, "baseline": None}, r"space\['k'\].baseline=None: expected a number")],
 )  # fmt: skip
 def test_a_space_that_makes_no_sense_is_refused(entry, message):
     with pytest.raises(ConfigError, match=message):
@@ -255,8 +255,8 @@ def held(segment):
         ({"constraints": {"c": 3}}, "constraint 'c': expected a function of a segment, got 3"),
         ({"metrics": [Metric("m", held), Metric("m", held)]}, "metrics: names .* repeated: m"),
         ({"space": [("k", 0, 1)]}, "space=.*: expected bounds by name"),
-        ({"start": "a"}, "start='a': expected values by name"),
-        ({"start": {"k": "a"}}, "parameter 'k': expected a number from 0 to 1, got 'a'"),
+        ({"baseline": "a"}, "baseline='a': expected values by name"),
+        ({"baseline": {"k": "a"}}, "parameter 'k': expected a number from 0 to 1, got 'a'"),
         *(
             ({"max_episode_steps": steps}, "max_episode_steps=.*: expected 1 or more, a whole")
             for steps in (0, 3.5, "200", 10**30, [1])

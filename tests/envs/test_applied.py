@@ -47,7 +47,7 @@ def test_the_energy_of_a_metric_is_what_the_actuator_spent():
     env = Weak()
     result = zoac.tune(
         env=env, controller=lambda p, o: -p["k"] * o[0], space={"k": (2, 3)}, budget=0, num_envs=1,
-        tuner="nominal", start={"k": 3.0}, episodes=1, final_episodes=1, max_episode_steps=30,
+        tuner="nominal", baseline={"k": 3.0}, episodes=1, final_episodes=1, max_episode_steps=30,
         metrics={"energy": energy}, quiet=True,
     )  # fmt: skip
     assert result.record["energy"] <= 0.09 + 1e-6

@@ -177,13 +177,13 @@ def test_bounds_of_numpy_are_numbers(entry, kind):
 
 
 def test_start_values_for_some_parameters_only_are_refused_by_what_is_missing():
-    space = {"kp": {"low": 0, "high": 5, "start": 1.0}, "kd": (0, 5), "ki": (0, 5)}
-    for options in ({"space": space}, {"space": space, "start": {"kd": 1.0}}):
-        missing = "ki" if "start" in options else "kd, ki"
+    space = {"kp": {"low": 0, "high": 5, "baseline": 1.0}, "kd": (0, 5), "ki": (0, 5)}
+    for options in ({"space": space}, {"space": space, "baseline": {"kd": 1.0}}):
+        missing = "ki" if "baseline" in options else "kd, ki"
         with pytest.raises(ConfigError, match=rf"\(s\) {missing}; values .* all of kp, kd, ki"):
             task(**options)
     with pytest.raises(ConfigError, match="did you mean 'kp'"):
-        task(space={"kp": (0, 5)}, start={"kpp": 1.0})
+        task(space={"kp": (0, 5)}, baseline={"kpp": 1.0})
 
 
 def broken(segment):

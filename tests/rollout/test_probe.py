@@ -266,7 +266,7 @@ def test_the_length_of_episodes_that_terminate_is_measured_with_the_start_values
 
     act = {"controller": lambda p, o: p["k"], "space": {"k": (0, 2)}}
     assert task(Tank, **act).horizon == (2, "termination")
-    slow = task(Tank, **act, start={"k": 0.125})
+    slow = task(Tank, **act, baseline={"k": 0.125})
     assert slow.horizon == (9, "termination")
     assert "9 steps in the longest of 3" in slow.horizon.remark
 

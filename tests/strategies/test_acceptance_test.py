@@ -240,8 +240,8 @@ def act(params, obs):
 
 def tune(**changes):
     options = {"env": Drift, "controller": act, "max_episode_steps": 20, "budget": 1000,
-               "space": {"k": {"low": 0, "high": 2, "start": 1.0},
-                         "bias": {"low": -1, "high": 1, "start": 0.0}}}  # fmt: skip
+               "space": {"k": {"low": 0, "high": 2, "baseline": 1.0},
+                         "bias": {"low": -1, "high": 1, "baseline": 0.0}}}  # fmt: skip
     return zoac.tune(**{**options, **SMALL, **changes})
 
 
@@ -259,41 +259,9 @@ def test_an_acceptance_test_without_start_values_is_refused():
         tune(space={"k": (0, 2), "bias": 0.0}, acceptance_test=0.2)
 
 
-def test_initial_sigma_sets_start_and_std():
-    options = {"start": "random", "sigma": 0.1, "step_size": 0.05}
-    assert acceptance_test.trusted(options, 0.0) == {
-        "start": "baseline", "sigma": pytest.approx(0.3), "step_size": pytest.approx(0.15)
-    }  # fmt: skip
-    assert acceptance_test.trusted({"start": "random", "initial_sigma": None}, 1.0)[
-        "initial_sigma"
-    ] == pytest.approx(0.03)
-
-
-@pytest.mark.parametrize("tuner", ["zoac", "zoac_plus", "es", "cmaes"])
-def test_the_more_initial_sigma_the_nearer_the_search_stays(tuner):
-    def farthest(trust):
-        folder = tune(tuner=tuner, trust=trust, budget=300, eval_every=50).folder
-        rows = [r for r in schema.read_metrics(folder) if r["kind"] == "eval"]
-        return max(abs(r["parameters"]["k"] - 1.0) for r in rows)
-
-    assert farthest(1.0) < 0.25
-    assert farthest(1.0) < farthest(0.0)
-
-
-def test_initial_sigma_leaves_steps_that_are_not_set():
-    options = {"start": "random", "sigma": 0.1, "step_size": 0.02, "step_size_end": None}
-    trusting = acceptance_test.trusted(options, 1.0)
-    assert (trusting["step_size"], trusting["step_size_end"]) == (pytest.approx(0.006), None)
-
-
-def test_initial_sigma_in_a_tuner_that_knows_no_start_is_refused():
-    with pytest.raises(ConfigError, match="trust needs a tuner with a start and a spread"):
-        tune(tuner="random", trust=0.5)
-
-
 def test_keys_that_are_null_leave_the_runs_of_before_alone():
     before = {"task": {"a": 1}, "seed": 0}
-    now = {**before, "trust": None, "acceptance_test": None}
+    now = {**before, "initial_sigma": None, "acceptance_test": None}
     assert schema.config_hash(now) == schema.config_hash(before)
     assert schema.differing_keys(now, before) == {}
     assert schema.config_hash({**now, "acceptance_test": 0.2}) != schema.config_hash(before)
@@ -301,7 +269,9 @@ def test_keys_that_are_null_leave_the_runs_of_before_alone():
 
 def test_the_command_line_has_the_same_keys():
     config = resolved(
-        compose_config(["task=pendulum", "tuner=cmaes", "trust=1", "acceptance_test=0.2"])
+        compose_config(
+            ["task=pendulum", "tuner=cmaes", "initial_sigma=0.03", "acceptance_test=0.2"]
+        )
     )
     tuner = factory.build_tuner(
         config["tuner"], factory.build_task(config), factory.build_settings(config)

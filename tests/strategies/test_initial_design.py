@@ -98,7 +98,7 @@ def test_every_tuner_with_a_start_can_be_sampled_for(tuner):
 
 
 def test_a_tuner_without_a_start_and_a_start_from_initial_sigma_are_refused():
-    for overrides in (["tuner=random"], ["tuner=zoac", "trust=0.5"]):
+    for overrides in (["tuner=random"], ["tuner=zoac", "initial_sigma=0.1"]):
         config = resolved(compose_config([*overrides, "initial_samples=4"]))
         with pytest.raises(ConfigError, match="initial_samples=4: it looks for a start"):
             factory.build_tuner(config["tuner"], CountingTask(), factory.build_settings(config))

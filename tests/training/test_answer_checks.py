@@ -43,7 +43,7 @@ def test_an_answer_worse_than_the_start_is_told_with_both_costs():
 @pytest.mark.parametrize("key", ["terminations", "violations"])
 def test_an_answer_that_fails_more_often_is_told_even_if_it_is_cheaper(key):
     start = result_of(NOISE, violations=0)
-    answer = result_of(NOISE - 5, start=start, **{"violations": 0, key: 1})
+    answer = result_of(NOISE - 5, baseline=start, **{"violations": 0, key: 1})
     (told,) = warnings(answer, [])
     assert "more often than the baseline values: in 1 of 20 final episodes instead of 0" in told
 
@@ -113,8 +113,8 @@ def test_the_best_evaluated_recommendation_can_be_the_answer_of_any_tuner():
 
 def test_the_command_lines_results_say_what_the_start_values_cost(run_in):
     result = run_in("task=pendulum", "tuner=random", "budget=400", "evaluation.final_episodes=2")
-    assert result["baseline_cost_mean"] == result["start"]["cost_mean"]
-    assert len(result["start"]["cost_per_episode"]) == 2
+    assert result["baseline_cost_mean"] == result["baseline"]["cost_mean"]
+    assert len(result["baseline"]["cost_per_episode"]) == 2
     assert "warnings" in result
 
 
@@ -154,5 +154,5 @@ def test_plain_costs_decide_and_are_logged_where_the_tuner_is_told_more(tuner, t
         assert told
         assert max(map(abs, told)) < 100
     # Seven steps of parameter a = 1, and common noise.
-    assert result.baseline_cost_mean == pytest.approx(result.record["start"]["cost_mean"])
+    assert result.baseline_cost_mean == pytest.approx(result.record["baseline"]["cost_mean"])
     assert abs(result.baseline_cost_mean - 7) < 30

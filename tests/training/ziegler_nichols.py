@@ -11,8 +11,8 @@ from gymnasium.spaces import Box
 STEP, STEPS, DELAY = 0.02, 240, 5
 
 SPACE = {
-    "kp": {"low": 0.05, "high": 5.0, "scale": "log", "start": 1.74},
-    "ti": {"low": 0.05, "high": 5.0, "scale": "log", "start": 0.56},
+    "kp": {"low": 0.05, "high": 5.0, "scale": "log", "baseline": 1.74},
+    "ti": {"low": 0.05, "high": 5.0, "scale": "log", "baseline": 0.56},
 }
 """The baseline is Ziegler's and Nichols's: 0.45 of the ultimate gain, 0.83 of the period."""
 

@@ -81,7 +81,7 @@ class RunSchema:
     checkpoint_seconds: float = 30.0
     runs_dir: str = "runs"
     variant: str | None = None
-    trust: float | None = None
+    initial_sigma: float | None = None
     acceptance_test: float | None = None
     select: str | None = None
     failure_penalty: float | None = None

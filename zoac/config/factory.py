@@ -13,7 +13,8 @@ from zoac.core.tuner import Problem, Tuner
 from zoac.executors.base import Executor
 from zoac.loggers.base import Logger
 from zoac.rollout.task import Task
-from zoac.strategies.acceptance_test import AcceptanceTest, trusted
+from zoac.strategies.acceptance_test import AcceptanceTest
+from zoac.strategies.around_baseline import around_baseline
 from zoac.strategies.best_evaluated import SELECTION_FRACTION, BestEvaluated
 from zoac.strategies.held_out import search_budget
 from zoac.strategies.initial_design import CommonRandomNumbers, InitialDesign
@@ -62,7 +63,7 @@ def build_settings(config: Mapping[str, Any]) -> Settings:
     top |= {
         k: config[k]
         for k in (
-            "trust",
+            "initial_sigma",
             "acceptance_test",
             "select",
             "failure_penalty",
@@ -99,8 +100,8 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
         baseline=baseline,
     )
     env.close()
-    if settings.trust is not None:
-        node = trusted(node, settings.trust)
+    if settings.initial_sigma is not None:
+        node = around_baseline(node, settings.initial_sigma)
     return _tested(node, whole, settings)
 
 
@@ -130,13 +131,13 @@ def baseline_use(node: Mapping[str, Any], task: Task, settings: Settings) -> dic
     """
     if task.baseline is None:
         return {}
-    begins = settings.trust is not None or node.get("start") == "baseline"
+    begins = settings.initial_sigma is not None or node.get("start") == "baseline"
     if not begins or settings.initial_samples is not None:
         told = "only compared, the search does not begin there"
         more = "; tuner.start=baseline does" if "start" in node else ""
     else:
         told = "the search begins there"
-        raced = settings.trust is None and node.get("halving_fraction")
+        raced = settings.initial_sigma is None and node.get("halving_fraction")
         more = ", if they win the race against random points" if raced else ""
     return {"baseline values": told + more}
 
@@ -146,8 +147,12 @@ def _on_terms(node: Mapping[str, Any], problem: Problem, settings: Settings) -> 
     if settings.initial_samples is None:
         tuner: Tuner = build(node, "tuner", Tuner, problem=problem)
     else:
-        if "start" not in node or settings.trust is not None:
-            why = "trust gives one" if settings.trust is not None else "this tuner takes none"
+        if "start" not in node or settings.initial_sigma is not None:
+            why = (
+                "initial_sigma gives one"
+                if settings.initial_sigma is not None
+                else "this tuner takes none"
+            )
             raise ConfigError(
                 f"initial_samples={settings.initial_samples}: it looks for a start, and {why}"
             )

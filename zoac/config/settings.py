@@ -27,19 +27,19 @@ class Settings:
     Args:
         seed: Of everything but the evaluation episodes.
         budget: Environment steps for tuning; evaluation is not counted.
-        environments: Environments side by side.
+        num_envs: Environments side by side.
         eval_every: Environment steps between evaluations.
         episodes: Evaluation episodes during tuning.
         final_episodes: Evaluation episodes of the final figure.
         evaluation_seed: Of the evaluation episodes, the same for all runs that are compared.
         checkpoint_seconds: Wall seconds between checkpoints.
-        trust: How far the baseline values are trusted, from 0 to 1; see
-            `zoac.strategies.acceptance_test.trusted`.
-        gate: Share of the budget for proof that the answer beats the start; see
+        initial_sigma: Standard deviation of the search around the baseline in the mapped box; see
+            `zoac.strategies.around_baseline`.
+        acceptance_test: Fraction of the budget for proof that the answer beats the start; see
             `zoac.strategies.acceptance_test.AcceptanceTest`.
         select: "best_evaluated": the answer is the best of the evaluated recommendations, see
             `zoac.strategies.best_evaluated`; "last" or None: what the tuner recommends at the end.
-        scout: Random points of which the best is the tuner's start; see
+        initial_samples: Random points of which the best is the tuner's start; see
             `zoac.strategies.initial_design.InitialDesign`.
         common_random_numbers: Points of a batch meet the same episode; see
             `zoac.strategies.initial_design.CommonRandomNumbers`.
@@ -54,7 +54,7 @@ class Settings:
     final_episodes: SideBySide = 100
     evaluation_seed: Natural = 0
     checkpoint_seconds: NonNegative = 30.0
-    trust: Annotated[float, Field(ge=0, le=1)] | None = None
+    initial_sigma: Annotated[float, Field(gt=0, le=1)] | None = None
     acceptance_test: Fraction | None = None
     select: Literal["last", "best_evaluated"] | None = None
     failure_penalty: float | None = None

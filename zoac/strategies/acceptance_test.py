@@ -1,8 +1,8 @@
-"""Starting from today's gains: how far to search, and whether to accept what was found."""
+"""Whether what was found is accepted in place of the baseline."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,42 +12,6 @@ from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner
 from zoac.strategies.held_out import HeldOut, ReservedSteps
 from zoac.strategies.paired_comparison import MIN_PAIRS, Comparison, compare
-
-WIDEST, NARROWEST = 0.3, 0.03
-"""Standard deviation of the search in the mapped box at trust 0 and at trust 1."""
-
-
-def spread(trust: float) -> float:
-    """Return the search's standard deviation in the mapped box, geometric in `trust` in [0, 1]."""
-    return WIDEST * (NARROWEST / WIDEST) ** trust
-
-
-def trusted(options: Mapping[str, Any], trust: float) -> dict[str, Any]:
-    """Return a tuner's options with the search set by how far the baseline values are trusted.
-
-    The tuner begins at the baseline parameters; `sigma` or `spread`, whichever it has, follows from
-    `trust`, ZOAC's step sizes in proportion; a choice among random starting points is left out.
-
-    Args:
-        options: Of the tuner, by name.
-        trust: 0: good values may lie far away; 1: these are nearly right.
-
-    Raises:
-        ConfigError: If the tuner cannot be told a start and a spread.
-    """
-    width = next((name for name in ("sigma", "initial_sigma") if name in options), None)
-    if width is None or "start" not in options:
-        raise ConfigError(
-            "trust needs a tuner with a start and a spread: zoac, zoac_plus, es, cmaes or nevergrad"
-        )
-    chosen = {**options, "start": "baseline", width: spread(trust)}
-    if width == "sigma":
-        factor = spread(trust) / options["sigma"]
-        steps = {k: v for k, v in options.items() if k.startswith("step_size") and v is not None}
-        chosen |= {k: v * factor for k, v in steps.items()}
-    if "halving_fraction" in options:
-        chosen["halving_fraction"] = 0.0
-    return chosen
 
 
 class AcceptanceTest(ReservedSteps):

@@ -37,7 +37,7 @@ def _of_the_cost(result: Mapping[str, Any]) -> list[str]:
 
 
 def _of_the_start(result: Mapping[str, Any]) -> list[str]:
-    start = result.get("start")
+    start = result.get("baseline")
     if start is None:
         return []
     costs, episodes = result["cost_per_episode"], len(result["cost_per_episode"])

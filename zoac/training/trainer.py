@@ -226,7 +226,7 @@ class Trainer:
         x = self._task.space.normalise(self._task.baseline)
         segments = self._rolled_out(x, self._settings.final_episodes)
         row = evaluation_row(segments, (), self._task.constraints)
-        return {"baseline_cost_mean": row["cost_mean"], "start": row}
+        return {"baseline_cost_mean": row["cost_mean"], "baseline": row}
 
     def _account(self, segments: list[Segment]) -> dict[str, str]:
         """Add up failures and what controllers report of solvers, tuning and evaluation alike.

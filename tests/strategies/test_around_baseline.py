@@ -1,0 +1,39 @@
+"""A search around the baseline."""
+
+import pytest
+
+from tests.doors.test_api import tune as tune_api
+from zoac.core.errors import ConfigError
+from zoac.runs import schema
+from zoac.strategies.around_baseline import around_baseline
+
+
+def tune(**options):
+    """Tune from the baseline k = 1."""
+    space = {"k": {"low": 0, "high": 2, "baseline": 1.0}}
+    return tune_api(space=space, **options)
+
+
+def test_start_sigma_and_step_sizes_are_set():
+    options = {"start": "random", "sigma": 0.1, "step_size": 0.05, "step_size_end": None}
+    assert around_baseline(options, 0.3) == {
+        "start": "baseline", "sigma": 0.3, "step_size": pytest.approx(0.15), "step_size_end": None
+    }  # fmt: skip
+    chosen = around_baseline({"start": "random", "initial_sigma": None}, 0.03)
+    assert chosen["initial_sigma"] == 0.03
+
+
+@pytest.mark.parametrize("tuner", ["zoac", "zoac_plus", "es", "cmaes"])
+def test_the_smaller_it_is_the_nearer_the_search_stays(tuner):
+    def farthest(sigma):
+        folder = tune(tuner=tuner, initial_sigma=sigma, budget=300, eval_every=50).folder
+        rows = [r for r in schema.read_metrics(folder) if r["kind"] == "eval"]
+        return max(abs(r["parameters"]["k"] - 1.0) for r in rows)
+
+    assert farthest(0.03) < 0.25
+    assert farthest(0.03) < farthest(0.3)
+
+
+def test_a_tuner_that_knows_no_start_is_refused():
+    with pytest.raises(ConfigError, match="initial_sigma=0.1: this tuner has no start"):
+        tune(tuner="random", initial_sigma=0.1)

@@ -1,0 +1,38 @@
+"""Searching around the baseline: where a tuner begins, and how far it looks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from zoac.core.errors import ConfigError
+
+
+def around_baseline(options: Mapping[str, Any], initial_sigma: float) -> dict[str, Any]:
+    """Return a tuner's options for a search around the baseline.
+
+    The tuner begins at the baseline. Its option `sigma` or `initial_sigma`, whichever it has,
+    becomes `initial_sigma`; ZOAC's step sizes change in proportion to sigma; successive halving,
+    which searches the whole box, is left out.
+
+    Args:
+        options: Of the tuner, by name.
+        initial_sigma: Standard deviation of the search in the mapped box [-1, 1]^d.
+
+    Raises:
+        ConfigError: If the tuner cannot be told where to begin and how far to search.
+    """
+    width = next((name for name in ("sigma", "initial_sigma") if name in options), None)
+    if width is None or "start" not in options:
+        raise ConfigError(
+            f"initial_sigma={initial_sigma:g}: this tuner has no start and no sigma to set; use "
+            "zoac, zoac_plus, es, cmaes or nevergrad"
+        )
+    chosen = {**options, "start": "baseline", width: initial_sigma}
+    if width == "sigma":
+        factor = initial_sigma / options["sigma"]
+        steps = {k: v for k, v in options.items() if k.startswith("step_size") and v is not None}
+        chosen |= {k: v * factor for k, v in steps.items()}
+    if "halving_fraction" in options:
+        chosen["halving_fraction"] = 0.0
+    return chosen
