@@ -86,7 +86,7 @@ def test_too_few_pairs_accept_nothing_and_say_so_before_and_after(pairs):
 
 
 def test_a_search_that_recommends_the_start_values_needs_no_test_and_no_warning():
-    result = tune(tuner="baseline", budget=100, acceptance_test=0.5)
+    result = tune(tuner="nominal", budget=100, acceptance_test=0.5)
     verdict = result.record["acceptance_test"]
     assert (verdict["accepted"], verdict["pairs"], result.env_steps) == (False, 0, 0)
     assert verdict["text"] == "the search recommends the baseline values themselves"

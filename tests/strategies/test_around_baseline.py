@@ -2,16 +2,10 @@
 
 import pytest
 
-from tests.doors.test_api import tune as tune_api
+from tests.strategies.test_acceptance_test import tune
 from zoac.core.errors import ConfigError
 from zoac.runs import schema
 from zoac.strategies.around_baseline import around_baseline
-
-
-def tune(**options):
-    """Tune from the baseline k = 1."""
-    space = {"k": {"low": 0, "high": 2, "baseline": 1.0}}
-    return tune_api(space=space, **options)
 
 
 def test_start_sigma_and_step_sizes_are_set():
