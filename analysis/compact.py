@@ -18,25 +18,27 @@ import csv
 import io
 import json
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
-from zoac.analysis import cli
-from zoac.analysis.data.compact_format import (
-    EVALUATIONS,
-    KEY,
-    LISTS,
-    METHODS,
-    RUNS,
-    SHARED,
-    TEXTS,
-    TIMES,
-)
 from zoac.analysis.data.fairness import refuse_mixed
 from zoac.analysis.data.runs import Run, by_method
+from zoac.core.errors import RunFolderError
+from zoac.runs.schema import config_hash
+
+RUNS, EVALUATIONS, METHODS = "runs.csv", "evaluations.csv", "methods.json"
+
+KEY = ("task", "tuner", "variant", "seed")
+"""What tells runs apart."""
+
+TEXTS = ("task", "tuner", "variant")
+LISTS = ("cost_per_episode", "episode_lengths")
+
+TIMES = "*"
+"""In a list, 200*3 is 200 200 200."""
 
 OF_ONE_RUN = ("seed", "config_hash", "command", "started")
 """Keys of run.json that belong to a single run."""
@@ -47,12 +49,11 @@ LEFT_OUT = ("x", "config_hash", "format")
 OF_ONE_EVALUATION = ("kind", "final", "parameters", "episode_lengths")
 """Of an evaluation while tuning: what is not kept."""
 
-WORTH_SHARING = 30
-"""Characters from which a value that several methods have is written only once."""
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the three files; return the exit code."""
+    from zoac.analysis import cli  # which loads runs, and so reads this module
+
     parser = cli.parser("compact", "Runs in three small files.", out="compact")
     parser.add_argument(
         "--every",
@@ -73,21 +74,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="significant digits; default: of evaluations while tuning six, of results all, so "
         "that they come back exactly",
     )
-    return cli.guarded(_command, parser, argv)
 
+    def command(options: argparse.Namespace) -> None:
+        runs = cli.load_aloud(options.runs, episodes=not options.summary).some_finished()
+        left_out = (*LISTS, "baseline") if options.summary else ()
+        evaluated = () if options.summary else runs
+        files = {
+            RUNS: runs_csv(runs, options.digits, left_out),
+            EVALUATIONS: evaluations_csv(evaluated, options.every, options.digits),
+            METHODS: methods_json(runs),
+        }
+        folder = cli.output_folder(options.out)
+        for name, content in files.items():
+            cli.write(folder / name, content)
 
-def _command(options: argparse.Namespace) -> None:
-    runs = cli.load_aloud(options.runs, episodes=not options.summary).some_finished()
-    left_out = (*LISTS, "baseline") if options.summary else ()
-    evaluated = () if options.summary else runs
-    files = {
-        RUNS: runs_csv(runs, options.digits, left_out),
-        EVALUATIONS: evaluations_csv(evaluated, options.every, options.digits),
-        METHODS: methods_json(runs),
-    }
-    folder = cli.output_folder(options.out)
-    for name, content in files.items():
-        cli.write(folder / name, content)
+    return cli.guarded(command, parser, argv)
 
 
 def runs_csv(runs: Iterable[Run], digits: int | None = None, left_out: Sequence[str] = ()) -> str:
@@ -106,7 +107,7 @@ def runs_csv(runs: Iterable[Run], digits: int | None = None, left_out: Sequence[
                 **{f"parameters.{name}": value for name, value in parameters.items()},
             }
         )
-    return _csv(rows, exact if digits is None else partial(rounded, digits=digits))
+    return _csv(rows, json.dumps if digits is None else partial(_rounded, digits=digits))
 
 
 def evaluations_csv(runs: Iterable[Run], every: int = 1, digits: int | None = None) -> str:
@@ -120,7 +121,7 @@ def evaluations_csv(runs: Iterable[Run], every: int = 1, digits: int | None = No
         if run.tuned
         for row in _apart(run.evaluations, every)
     ]
-    return _csv(rows, partial(rounded, digits=digits or 6))
+    return _csv(rows, partial(_rounded, digits=digits or 6))
 
 
 def _apart(rows: Iterable[Mapping[str, Any]], every: int) -> Iterator[Mapping[str, Any]]:
@@ -132,54 +133,32 @@ def _apart(rows: Iterable[Mapping[str, Any]], every: int) -> Iterator[Mapping[st
 
 
 def methods_json(runs: Iterable[Run]) -> str:
-    """Return what run.json says of each method; what several say stands there once.
+    """Return what run.json says of each method, one a line.
 
     Raises:
         RunFolderError: If seeds of a method differ in their configuration.
     """
-    records = []
+    lines = []
     for group in by_method(runs).values():
         refuse_mixed(group)
         record = {k: v for k, v in group[0].identity.items() if k not in OF_ONE_RUN}
-        record["config"] = {k: v for k, v in record["config"].items() if k != "seed"}
-        records.append(record)
-    times = Counter(map(json.dumps, (v for r in records for v in (r | r["config"]).values())))
-    shared = [text for text, count in times.items() if count > 1 and len(text) > WORTH_SHARING]
-
-    def once(values: Mapping[str, Any]) -> dict[str, Any]:
-        texts = {key: json.dumps(value) for key, value in values.items()}
-        return {
-            key: {SHARED: shared.index(texts[key])} if texts[key] in shared else value
-            for key, value in values.items()
-        }
-
-    lines = [json.dumps(once(record | {"config": once(record["config"])})) for record in records]
-    return f'{{"{SHARED}": {_lines(shared)},\n"methods": {_lines(lines)}}}\n'
+        config = {k: v for k, v in record["config"].items() if k != "seed"}
+        lines.append(json.dumps(record | {"config": config}))
+    return "[\n" + ",\n".join(lines) + "\n]\n"
 
 
-def _lines(items: Iterable[str]) -> str:
-    return "[\n" + ",\n".join(items) + "\n]"
-
-
-def exact(value: Any) -> str:
-    """Return a cell that reads back to the same bits."""
-    return json.dumps(value)
-
-
-def rounded(value: Any, digits: int = 6) -> str:
-    """Return a cell of so many significant digits."""
+def _rounded(value: Any, digits: int) -> str:
     # JSON has its own words for what is not finite.
     short = isinstance(value, float) and math.isfinite(value)
     return f"{value:.{digits}g}" if short else json.dumps(value)
 
 
 def _csv(rows: Sequence[Mapping[str, Any]], number: Callable[[Any], str]) -> str:
-    columns = list(dict.fromkeys(key for row in rows for key in row))
     out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(columns)
-    for row in rows:
-        writer.writerow([_cell(c, row[c], number) if c in row else "" for c in columns])
+    columns = dict.fromkeys(key for row in rows for key in row)
+    writer = csv.DictWriter(out, list(columns), restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({c: _cell(c, value, number) for c, value in row.items()} for row in rows)
     return out.getvalue()
 
 
@@ -190,6 +169,72 @@ def _cell(column: str, value: Any, number: Callable[[Any], str]) -> str:
         parts = ((part, len(list(same))) for part, same in groupby(map(number, value)))
         return " ".join(part if times == 1 else f"{part}{TIMES}{times}" for part, times in parts)
     return number(value)
+
+
+def is_compact(folder: Path) -> bool:
+    """Tell whether `folder` holds runs in this form."""
+    return (folder / RUNS).is_file()
+
+
+def read(folder: Path) -> list[Run]:
+    """Return the runs of a folder.
+
+    Raises:
+        RunFolderError: If its three files cannot be read together.
+    """
+    try:
+        return list(_read(folder))
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise RunFolderError(
+            f"{folder}: its {RUNS}, {EVALUATIONS} and {METHODS} cannot be read together "
+            f"({type(error).__name__}: {error}); write them anew with python -m "
+            "zoac.analysis.compact"
+        ) from None
+
+
+def _read(folder: Path) -> Iterator[Run]:
+    records = json.loads((folder / METHODS).read_text(encoding="utf-8"))
+    methods = {tuple(record[key] for key in TEXTS): record for record in records}
+    evaluations: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for row in _rows(folder / EVALUATIONS):
+        key = tuple(row[name] for name in KEY)
+        evaluations.setdefault(key, []).append({"kind": "eval", "final": False, **row})
+    for row in _rows(folder / RUNS):
+        key = tuple(row[name] for name in KEY)
+        method, seed = methods[key[:-1]], key[-1]
+        config = {**method["config"], "seed": seed}
+        shared = {"config": config, "config_hash": config_hash(config)}
+        parameters = {
+            name.removeprefix("parameters."): row.pop(name)
+            for name in list(row)
+            if name.startswith("parameters.")
+        }
+        result = {**row, "parameters": parameters, "config_hash": shared["config_hash"]}
+        yield Run(
+            folder / "-".join(str(part) for part in key if part is not None),
+            {**method, "seed": seed, **shared},
+            [*evaluations.get(key, []), {"kind": "eval", "final": True, **result}],
+            result,
+        )
+
+
+def _rows(path: Path) -> Iterator[dict[str, Any]]:
+    text = path.read_bytes().decode("utf-8")
+    if not text.endswith("\n"):
+        raise ValueError(f"the end of {path.name} is lost")
+    for number, row in enumerate(csv.DictReader(io.StringIO(text, newline="")), start=2):
+        if None in row or None in row.values():
+            raise ValueError(f"{path.name}, row {number} has not the columns of the first")
+        yield {n: _value(n, cell) for n, cell in row.items() if cell != "" or n == "variant"}
+
+
+def _value(name: str, cell: str) -> Any:
+    if name in TEXTS:
+        return cell or None
+    if name in LISTS:
+        parts = (part.partition(TIMES) for part in cell.split(" "))
+        return [v for value, _, times in parts for v in [json.loads(value)] * int(times or 1)]
+    return json.loads(cell)
 
 
 if __name__ == "__main__":

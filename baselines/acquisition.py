@@ -27,25 +27,25 @@ class Acquisition:
     def __init__(
         self,
         process: GaussianProcessRegressor,
+        seen: np.ndarray,
         kind: Kind,
         *,
-        best: float,
         kappa: float = 0.0,
         xi: float = 0.0,
     ) -> None:
         """
         Args:
-            process: Fitted, with the kernel Matern(nu=2.5).
+            process: Fitted, with the kernel Matern(nu=2.5) and normalised values.
+            seen: The values (n,) that it was fitted to.
             kind: Upper confidence bound, expected improvement, or its probability.
-            best: The best value so far.
             kappa: Standard deviations in the upper confidence bound.
             xi: Margin in the two improvements.
         """
-        self._kind, self._best, self._kappa, self._xi = kind, best, kappa, xi
+        self._kind, self._best, self._kappa, self._xi = kind, seen.max(), kappa, xi
         self._points = process.X_train_ / process.kernel_.length_scale
         self._scale = float(process.kernel_.length_scale)
         self._alpha = process.alpha_
-        self._mean, self._std = float(process._y_train_mean), float(process._y_train_std)
+        self._mean, self._std = float(seen.mean()), float(seen.std()) or 1.0
         eye = np.eye(len(self._points))
         self._whitening = solve_triangular(process.L_, eye, lower=True, check_finite=False)
 

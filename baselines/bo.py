@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field
 from scipy.optimize import minimize
 from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import Matern
 
 from zoac.baselines.acquisition import Acquisition
 from zoac.baselines.nevergrad import NevergradTuner, ng
@@ -110,8 +111,15 @@ class BayesOpt(NevergradTuner):
             bo = optimizer.bo
             # The library refuses the same point twice; with noise, twice is information.
             bo._space._allow_duplicate_points = True
-            bo._gp = BoundedRegressor.like(
-                bo._gp, self._model["refit_growth"], self._model["max_observations"]
+            process = GaussianProcessRegressor(  # the library's
+                kernel=Matern(nu=2.5),
+                alpha=self._model["noise"],
+                normalize_y=True,
+                n_restarts_optimizer=5,
+                random_state=bo.space.random_state,
+            )
+            self._process = BoundedRegressor.like(
+                process, self._model["refit_growth"], self._model["max_observations"]
             )
             if self._suggests_start:
                 optimizer.suggest(self._first)
@@ -120,8 +128,13 @@ class BayesOpt(NevergradTuner):
     def _draw(self) -> list[np.ndarray]:
         # The library knows keys, which rank; the process needs numbers whose differences tell.
         bo = self._part("bo")
-        rounded = partial(rounded_points, self._problem.space)
-        bo.suggest = partial(suggest, bo, -self._costs.prices(self._seen), rounded=rounded)
+        bo.suggest = partial(
+            suggest,
+            bo,
+            self._process,
+            -self._costs.prices(self._seen),
+            rounded=partial(rounded_points, self._problem.space),
+        )
         return super()._draw()
 
     def _learn(self, outcomes: Outcomes) -> dict[str, float]:
@@ -130,21 +143,20 @@ class BayesOpt(NevergradTuner):
             return super()._learn(outcomes)
 
     def _own_recommendation(self) -> np.ndarray | None:
-        bo = self._part("bo")
-        if self._recommendation != "mean" or not hasattr(bo._gp, "X_train_"):
+        if self._recommendation != "mean" or not hasattr(self._process, "X_train_"):
             return super()._own_recommendation()
-        points = bo.space.params
-        means = bo._gp.predict(rounded_points(self._problem.space, points))
+        points = self._part("bo").space.params
+        means = self._process.predict(rounded_points(self._problem.space, points))
         return points[int(np.argmax(means))] * 2.0 - 1.0
 
     def _own_state(self) -> Any:
         # Replaying would ask everything again, for hours; this optimiser is copied exactly.
-        library = OwnObject(deepcopy((self._optimizer, self._asked)))
+        library = OwnObject(deepcopy((self._optimizer, self._process, self._asked)))
         return library, self._global_random, self._seen.state()
 
     def _own_restore(self, state: Any) -> None:
         library, self._global_random, seen = state
-        self._optimizer, self._asked = deepcopy(library.value)
+        self._optimizer, self._process, self._asked = deepcopy(library.value)
         self._seen = Outcomes(*seen)
 
     def describe(self) -> dict[str, Any]:
@@ -160,6 +172,8 @@ class BoundedRegressor(GaussianProcessRegressor):
     optimizer: Any
     growth: float
     cap: int | None
+    seen: np.ndarray
+    """The values that it is conditioned on."""
     _due: int = 0
 
     @classmethod
@@ -175,6 +189,7 @@ class BoundedRegressor(GaussianProcessRegressor):
         """Condition on `points` (n, d) and `values` (n,), to be maximised."""
         kept = kept_observations(values, self.cap)
         points, values_kept = points[kept], values[kept]
+        self.seen = values_kept
         previous = getattr(self, "kernel_", None)
         if previous is not None and len(values) < self._due:
             return self._condition(points, values_kept, previous)
@@ -216,11 +231,16 @@ def rounded_points(space: ParameterSpace, points: np.ndarray) -> np.ndarray:
 
 
 def suggest(
-    bo: Any, targets: np.ndarray, utility: Any, rounded: Rounding = np.asarray
+    bo: Any,
+    process: BoundedRegressor,
+    targets: np.ndarray,
+    utility: Any,
+    rounded: Rounding = np.asarray,
 ) -> dict[str, float]:
     """Return the next point, as `bayes_opt.BayesianOptimization.suggest` does, but faster.
 
-    `targets` (n,), to be maximised, stand in for those that the library was told.
+    `process` stands in for the library's, and `targets` (n,), to be maximised, for those that it
+    was told.
 
     Discrete parameters: the process sees rounded points alone, so that what it believes is constant
     where the cost is (Garrido-Merchan and Hernandez-Lobato 2020).
@@ -229,11 +249,11 @@ def suggest(
         return bo.space.array_to_params(bo.space.random_sample())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the fit's convergence, as in the library
-        bo._gp.fit(rounded(bo.space.params), targets)
+        process.fit(rounded(bo.space.params), targets)
     acquisition = Acquisition(
-        bo._gp, utility.kind, best=targets.max(), kappa=utility.kappa, xi=utility.xi
+        process, process.seen, utility.kind, kappa=utility.kappa, xi=utility.xi
     )
-    point = maximise(acquisition, bo.space.bounds, bo._random_state, rounded)
+    point = maximise(acquisition, bo.space.bounds, bo.space.random_state, rounded)
     return bo.space.array_to_params(point)
 
 

@@ -226,6 +226,8 @@ CASES = [
     Case("logger=[none,wandbb]", ("'wandbb'", "did you mean 'wandb'")),
     Case("task._target_=zoac.nothing.Here", ("'zoac.nothing.Here'", "no module 'zoac.nothing'")),
     Case("task._target_=zoac.tasks.pid_acc.PidAc", ("'PidAc'", "did you mean 'PidAcc'")),
+    Case("task._target_=os.system", ("'os.system'", "not called", "zoac.core.task.Task", "-> Task")),
+    Case("tuner._target_=subprocess.run", ("'subprocess.run'", "not called", "-> Tuner")),
     Case("task._target_=3", ("task._target_", "dotted path", "3")),
     Case("task._target_=mine.Task", ("importing mine raised ZeroDivisionError", "mine.py, line 1"),
          "mine.py: `1/0`", _own_module("1/0")),

@@ -6,12 +6,12 @@ import copy
 import re
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import gymnasium
 import numpy as np
 
-from zoac.config.validate import check_code, locate
+from zoac.config.named_code import locate_code
 from zoac.controllers.user_controller import as_controller
 from zoac.core.controller import Controller
 from zoac.core.errors import ConfigError
@@ -27,6 +27,14 @@ from zoac.envs.gymnasium_adapter import (
 )
 from zoac.envs.objective import Objective
 from zoac.rollout.task import Task
+
+
+class Acts(Protocol):
+    """What has a method `act`."""
+
+    def act(self, *given: Any) -> Any:
+        """Return the action."""
+        ...
 
 
 class UserTask(Task):
@@ -159,9 +167,13 @@ def user_task(
         if not isinstance(numbers, Mapping | None):
             raise ConfigError(f"{what}={numbers!r}: expected numbers by attribute")
     if isinstance(env, str) and _DOTTED.fullmatch(env):
-        env = _code(env, "env")
+        kinds = (gymnasium.Env,)
+        wanted = "a gymnasium.Env, its class, or a function that makes one"
+        env = locate_code(env, "env", kinds, kinds, wanted)
     if isinstance(controller, str):
-        controller = _code(controller, "controller")
+        wanted = "a function act(params, obs), an object with such a method, or what makes one"
+        returned = (np.ndarray, float, int, Acts)
+        controller = locate_code(controller, "controller", (Acts,), returned, wanted)
     parsed, fixed, starts = parse_space(space)
     if not isinstance(baseline, Mapping | None):
         raise ConfigError(f"baseline={baseline!r}: expected values by name, such as {{'kp': 1.0}}")
@@ -196,18 +208,14 @@ def _is_count(value: Any) -> bool:
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
 
 
-def _code(path: str, where: str) -> Any:
-    """Return what a dotted path names; nothing of Python itself."""
-    found = locate(path, where)
-    check_code(found, where)
-    return found
-
-
 def _named(given: Sequence[Any] | Mapping[str, Any], kind: Any, where: str) -> list[Any]:
     """Return metrics or constraints from functions or dotted paths by name."""
     if isinstance(given, Mapping):
+        wanted = f"a {kind.__name__}, or a function of a segment"
         located = {
-            name: _code(value, f"{where}.{name}") if isinstance(value, str) else value
+            name: locate_code(value, f"{where}.{name}", (kind,), (np.ndarray,), wanted)
+            if isinstance(value, str)
+            else value
             for name, value in given.items()
         }
         found = [v if isinstance(v, kind) else kind(name, v) for name, v in located.items()]

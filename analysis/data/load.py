@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from zoac.analysis.data import compact_format
+from zoac.analysis import compact
 from zoac.analysis.data.runs import Collection, Method, Run, Skipped, order
 from zoac.core.errors import RunFolderError
 from zoac.runs.schema import (
@@ -49,8 +49,8 @@ def load(root: str | Path, *, trust_code: bool = False) -> Collection:
         raise RunFolderError(f"no folder {str(root)!r}; expected the folder that holds the runs")
     runs: list[Run] = []
     skipped: list[Skipped] = []
-    if compact_format.is_compact(root):
-        runs += [Run(root / r.name, r.identity, r.metrics, r.result) for r in _compact(root)]
+    if compact.is_compact(root):
+        runs += compact.read(root)
     for folder in _candidates(root):
         try:
             runs.append(read(folder))
@@ -63,17 +63,6 @@ def load(root: str | Path, *, trust_code: bool = False) -> Collection:
     runs = [replace(run, trusted=trust_code) for run in sorted(runs, key=order)]
     _refuse_copies(runs)
     return Collection(tuple(runs), tuple(skipped))
-
-
-def _compact(root: Path) -> list[compact_format.Record]:
-    try:
-        return list(compact_format.read(root))
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise RunFolderError(
-            f"{root}: its {compact_format.RUNS}, {compact_format.EVALUATIONS} and "
-            f"{compact_format.METHODS} cannot be read together ({type(error).__name__}: {error}); "
-            "write them anew with python -m zoac.analysis.compact"
-        ) from None
 
 
 def read(folder: Path) -> Run:

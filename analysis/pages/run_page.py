@@ -246,17 +246,9 @@ def _health(run: Run) -> str:
         )
     if "solver_failures" in result:
         items.append(f"solver failures {result['solver_failures']}, tuning and evaluation together")
-    if (early := _terminations(run)) is not None:
-        items.append(f"episodes that ended early while tuning: {early}")
+    if "tuning_terminations" in result:
+        items.append(f"episodes that ended early while tuning: {result['tuning_terminations']}")
     return text + html.bullets(items)
-
-
-def _terminations(run: Run) -> int | None:
-    """Return how many episodes ended early while tuning; None where nobody counted."""
-    # Older results lack the sum, and compact runs the rows.
-    train = [row for row in run.metrics if row["kind"] == "train" and "terminations" in row]
-    by_rows = sum(row["terminations"] for row in train) if train else None
-    return run.outcome.get("tuning_terminations", by_rows)
 
 
 def _reproduce(run: Run) -> str:

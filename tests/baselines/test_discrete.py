@@ -38,7 +38,7 @@ def make(tuner, **options):
 def test_the_process_sees_points_that_stand_for_values_and_asks_such():
     tuner, group = make(BayesOpt)
     asked = drive(tuner, group, 20 * STEPS)
-    seen = tuner._optimizer.bo._gp.X_train_
+    seen = tuner._process.X_train_
     assert len(seen) >= 15
     assert np.array_equal(seen * 2.0 - 1.0, Mixed.space.rounded(seen * 2.0 - 1.0))
     np.testing.assert_allclose(asked[-1], Mixed.space.rounded(asked[-1]), atol=1e-12)

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field
 
-from zoac.config.validate import check_arguments, check_node
+from zoac.config.validate import check_arguments, locate
 from zoac.core.errors import ConfigError
 
 
@@ -59,12 +59,12 @@ def test_all_faults_are_told_at_once():
 
 def test_a_target_that_does_not_exist_gets_the_nearest():
     with pytest.raises(ConfigError, match=r"no 'Zoca' in zoac.algorithm.zoac; did you mean 'Zoac'"):
-        check_node({"_target_": "zoac.algorithm.zoac.Zoca"}, "tuner")
+        locate("zoac.algorithm.zoac.Zoca", "tuner._target_")
 
 
 def test_a_module_that_does_not_exist_is_named():
     with pytest.raises(ConfigError, match=r"cannot import 'nowhere.Thing'"):
-        check_node({"_target_": "nowhere.Thing"}, "task")
+        locate("nowhere.Thing", "task._target_")
 
 
 class Child(Thing):

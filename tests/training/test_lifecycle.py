@@ -2,7 +2,6 @@
 
 import json
 import pathlib
-import platform
 import re
 import shutil
 
@@ -104,10 +103,9 @@ def test_the_processors_model_is_on_record_where_the_system_tells_it(
     [
         ("machine", "processor", "An Older Chip", "processor .*, at first An Older Chip"),
         ("versions", "torch", "0.1", r"torch 2\..*, at first 0\.1"),
-        ("machine", "processor", platform.machine(), None),
         ("versions", "gonelib", "0.1", "gonelib None, at first 0.1"),
         ("commit", None, "an older one", "commit .*, at first an older one"),
-        ("machine", None, "nonsense", None),
+        ("machine", None, "nonsense", "processor .*, at first None"),
     ],
 )
 def test_a_run_that_goes_on_elsewhere_is_told_so(
@@ -120,7 +118,7 @@ def test_a_run_that_goes_on_elsewhere_is_told_so(
     capsys.readouterr()
     tune_briefly(tmp_path, Drift)
     said = capsys.readouterr().err
-    assert re.search(f"goes on elsewhere.*: {told}$", said.strip()) if told else not said
+    assert re.search(f"goes on elsewhere.*: {told}$", said.strip())
 
 
 def test_a_file_system_without_locks_is_not_taken_for_a_lock_that_is_held(tmp_path, monkeypatch):

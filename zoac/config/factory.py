@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from zoac.config.named_code import kinds_of, locate_maker
 from zoac.config.settings import NOTES, Settings
-from zoac.config.validate import TARGET, check_arguments, check_node, locate
+from zoac.config.validate import TARGET, check_arguments
 from zoac.core.errors import ConfigError
 from zoac.core.tuner import Problem, Tuner
 from zoac.executors.base import Executor
@@ -20,32 +21,47 @@ from zoac.strategies.held_out import search_budget
 from zoac.strategies.initial_design import CommonRandomNumbers, InitialDesign
 
 
-def build(node: Mapping[str, Any], where: str, expected: Any, **provided: Any) -> Any:
+def build(node: Mapping[str, Any], where: str, kind: type, **provided: Any) -> Any:
     """Check a config node against its `_target_` and call that, inner nodes first.
 
     Args:
         node: The node, resolved, as plain Python.
-        where: Its name in the config.
-        expected: What it must make: a class or a protocol.
-        provided: Arguments of the target beside those in the node.
+        where: Its name in the config, for messages.
+        kind: What is built: a class or a protocol.
+        provided: Arguments of the target that the node does not hold.
 
     Raises:
-        ConfigError: Naming every fault of the node, or a target that makes something else.
+        ConfigError: Naming every fault of the node. Nothing is called if there is one.
     """
     node = {k: v for k, v in node.items() if k not in NOTES}
-    check_node(node, where, tuple(provided), expected)
-    return _call(node, where, provided)
+    return _checked(node, where, (kind,), provided)()
 
 
-def _call(node: Mapping[str, Any], where: str, provided: Mapping[str, Any]) -> Any:
-    arguments = {
-        name: _call(value, f"{where}.{name}", {})
-        if isinstance(value, Mapping) and TARGET in value
-        else value
-        for name, value in node.items()
-        if not name.startswith("_")
-    }
-    return locate(node[TARGET], f"{where}.{TARGET}")(**arguments, **provided)
+def _checked(
+    node: Mapping[str, Any], where: str, kinds: tuple[type, ...], provided: Mapping[str, Any]
+) -> Callable[[], Any]:
+    """Return the call that a node stands for, after all checks of it and of those inside it."""
+    if TARGET not in node:
+        raise ConfigError(f"{where}: there is no _target_, the class that this node configures")
+    if not isinstance(node[TARGET], str):
+        raise ConfigError(f"{where}.{TARGET}: expected a dotted path, got {node[TARGET]!r}")
+    target = locate_maker(node[TARGET], kinds, f"{where}.{TARGET}")
+    given = {k: v for k, v in node.items() if not k.startswith("_")}
+    hints = check_arguments(target, given, where, tuple(provided))
+    inner = {}
+    for name, value in given.items():
+        if isinstance(value, Mapping) and TARGET in value:
+            if not (taken := kinds_of(hints.get(name))):
+                raise ConfigError(
+                    f"{where}.{name}: a node with a _target_, and {node[TARGET]} does not say what "
+                    f"it takes; annotate its argument {name!r} with a class"
+                )
+            inner[name] = _checked(value, f"{where}.{name}", taken, {})
+
+    def call() -> Any:
+        return target(**given | {name: make() for name, make in inner.items()}, **provided)
+
+    return call
 
 
 def build_task(config: Mapping[str, Any]) -> Task:

@@ -6,18 +6,15 @@ YAML file: there is no second list to keep in step, and a user's own class is ch
 
 from __future__ import annotations
 
-import functools
 import importlib
 import inspect
 import math
 import re
-import sys
 import traceback
-import types
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, get_type_hints
 
 from pydantic import (
     ConfigDict,
@@ -74,111 +71,16 @@ def _import_hint(module: str, error: Exception) -> str:
     )
 
 
-def check_target(target: Any, expected: Any, where: str) -> None:
-    """See that calling `target` can only make what its place takes; nothing is called.
-
-    Args:
-        target: What a `_target_` names.
-        expected: A type hint: a class, a protocol, or several. Anything is expected by `Any`, but
-            nothing of Python itself.
-        where: The key that names it, for messages.
-
-    Raises:
-        ConfigError: If it is neither a class of that kind nor a function annotated to return one.
-    """
-    kinds = [h for h in _alternatives(expected) if inspect.isclass(h) and h is not Any]
-    made = target if inspect.isclass(target) else _hints(target).get("return")
-    if (
-        isinstance(target, type | types.FunctionType | functools.partial)
-        and inspect.isclass(made)
-        and not of_python(target)
-        and (not kinds or any(_is_kind(made, kind) for kind in kinds))
-    ):
-        return
-    names = " or ".join(kind.__name__ for kind in kinds) or "an object"
-    raise ConfigError(
-        f"{where}: expected a class of kind {names}, or a function annotated to return one "
-        f"(def make() -> {names.partition(' or ')[0]}), got {_named(target)}"
-    )
-
-
-def check_code(thing: Any, where: str) -> None:
-    """See that code that a configuration names is not of Python itself.
-
-    Raises:
-        ConfigError: If it is, such as `os.system`.
-    """
-    if of_python(thing):
-        raise ConfigError(
-            f"{where}: {_named(thing)} is a part of Python; expected code of your own or of zoac"
-        )
-
-
-def of_python(thing: Any) -> bool:
-    """Tell whether a function or class belongs to Python or its standard library."""
-    top = str(getattr(inspect.unwrap(thing) if callable(thing) else thing, "__module__", ""))
-    return isinstance(thing, types.BuiltinFunctionType | types.ModuleType) or (
-        (inspect.isclass(thing) or inspect.isfunction(thing))
-        and top.partition(".")[0] in {*sys.stdlib_module_names} - {"__main__"}
-    )
-
-
-def _alternatives(hint: Any) -> tuple[Any, ...]:
-    """Return the members of a union, or the hint alone; of `Annotated` what it annotates."""
-    if hasattr(hint, "__metadata__"):
-        return _alternatives(hint.__origin__)
-    if get_origin(hint) in (Union, types.UnionType):
-        return tuple(kind for member in get_args(hint) for kind in _alternatives(member))
-    return (hint,)
-
-
-def _is_kind(made: type, kind: type) -> bool:
-    if getattr(kind, "_is_protocol", False):
-        return all(hasattr(made, name) for name in vars(kind) if callable(vars(kind)[name])
-                   and not name.startswith("_"))  # fmt: skip
-    return issubclass(made, kind)
-
-
-def _named(thing: Any) -> str:
-    module, name = getattr(thing, "__module__", None), getattr(thing, "__qualname__", None)
-    return f"{module}.{name}" if module and name else repr(thing)
-
-
-def check_node(
-    node: Mapping[str, Any], where: str, provided: tuple[str, ...] = (), expected: Any = Any
-) -> None:
-    """Check a config node with a `_target_`, and those inside it.
-
-    Args:
-        node: The node, resolved, as plain Python.
-        where: Its name in the config, for messages.
-        provided: Arguments that the caller will add.
-        expected: A type hint of what the node makes.
-
-    Raises:
-        ConfigError: Naming every fault at once.
-    """
-    if TARGET not in node:
-        raise ConfigError(f"{where}: there is no _target_, the class that this node configures")
-    if not isinstance(node[TARGET], str):
-        raise ConfigError(f"{where}.{TARGET}: expected a dotted path, got {node[TARGET]!r}")
-    target = locate(node[TARGET], f"{where}.{TARGET}")
-    check_target(target, expected, f"{where}.{TARGET}")
-    _, hints = _signature(target)
-    for name, value in node.items():
-        if isinstance(value, Mapping) and TARGET in value:
-            check_node(value, f"{where}.{name}", expected=hints.get(name, Any))
-    given = {k: v for k, v in node.items() if not k.startswith("_")}
-    check_arguments(target, given, where, provided)
-
-
 def check_arguments(
     target: Callable[..., Any],
     given: Mapping[str, Any],
     where: str,
     provided: tuple[str, ...] = (),
-) -> None:
+) -> dict[str, Any]:
     """Check keyword arguments against the signature of `target`.
+
+    Returns:
+        The type hints of its arguments, by name.
 
     Raises:
         ConfigError: If one is unknown, missing, of the wrong type or out of its bounds.
@@ -202,6 +104,7 @@ def check_arguments(
     faults.extend(f"{where}.{name}: a value is needed" for name in needed if name not in given)
     if faults:
         raise ConfigError("\n".join(faults))
+    return hints
 
 
 def _signature(target: Callable[..., Any]) -> tuple[dict[str, inspect.Parameter], dict[str, Any]]:

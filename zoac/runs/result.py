@@ -122,7 +122,7 @@ def result_of(
         cost_mean=record["cost_mean"],
         cost_per_episode=record["cost_per_episode"],
         baseline_cost_mean=record.get("baseline_cost_mean"),
-        warnings=record.get("warnings", []),  # a run of before has none
+        warnings=record["warnings"],
         env_steps=record["env_steps"],
         folder=folder,
         record=record,

@@ -35,7 +35,7 @@ TASK = "task.pkl"
 def config_hash(config: Mapping[str, Any]) -> str:
     """Return the hash of all that can change a run's numbers, seed included.
 
-    A key that is null is as good as absent, so that new keys leave the runs of before alone.
+    A key that is null is as good as absent.
     """
     relevant = {k: v for k, v in config.items() if k not in WITHOUT_EFFECT and v is not None}
     return hashlib.sha256(json.dumps(relevant, sort_keys=True).encode()).hexdigest()[:16]

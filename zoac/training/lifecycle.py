@@ -269,8 +269,6 @@ def _tell_what_differs(folder: Path, record: Mapping[str, Any]) -> None:
     if not (folder / schema.CHECKPOINTS).exists():
         return
     then, now = _origin(schema.read_run(folder)), _origin(record)
-    if then["processor"] in (None, platform.machine()):  # once only the family was on record
-        then["processor"] = now["processor"]
     changed = [name for name in {**then, **now} if then.get(name) != now.get(name)]
     if changed:
         told = [f"{name} {now.get(name)}, at first {then.get(name)}" for name in changed]
