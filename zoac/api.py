@@ -13,7 +13,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from zoac.config import factory
+from zoac.config import factory, fingerprint
 from zoac.config.compose import GROUPS, compose_config, resolved
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.measures import Constraint, Metric
@@ -22,7 +22,7 @@ from zoac.core.types import is_number
 from zoac.envs.gymnasium_adapter import Bounds
 from zoac.loggers.console import Console
 from zoac.rollout.task import Task
-from zoac.runs import fingerprint, schema
+from zoac.runs import schema
 from zoac.runs.result import Result, keep_task, result_of
 from zoac.runs.schema import TASK
 from zoac.tasks.user_task import EnvSource, UserTask, user_task

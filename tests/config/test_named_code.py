@@ -15,14 +15,14 @@ from zoac.config import factory
 from zoac.config.compose import compose_config, resolved
 from zoac.config.named_code import kinds_of, locate_code, locate_maker
 from zoac.core.errors import ConfigError
-from zoac.rollout.task import Task
 from zoac.core.tuner import Problem, Tuner
-from zoac.tasks.user_task import user_task
 from zoac.executors.base import Executor, Serial
 from zoac.mpc.problem import Solver
 from zoac.mpc.sqp import MpcOptions
+from zoac.rollout.task import Task
 from zoac.runs.log import Logger
 from zoac.tasks.pendulum import Pendulum
+from zoac.tasks.user_task import user_task
 
 KINDS = [Task, Tuner, Executor, Solver, Logger, MpcOptions]
 FOREIGN = [
@@ -99,7 +99,10 @@ def test_no_place_of_a_configuration_calls_a_program(group, tmp_path):
 
 
 def test_nothing_is_called_if_a_fault_lies_deeper(tmp_path):
-    outer = {"_target_": "tests.core.test_named_code.Recorder", "solver": {"_target_": "os.getcwd"}}
+    outer = {
+        "_target_": "tests.config.test_named_code.Recorder",
+        "solver": {"_target_": "os.getcwd"},
+    }
     with pytest.raises(ConfigError, match="solver._target_"):
         factory.build(outer, "task", Task)
     assert Recorder.made == 0
@@ -114,7 +117,7 @@ class Recorder(Task):
 
 def test_a_node_for_an_argument_without_a_class_is_refused():
     node = {
-        "_target_": "tests.core.test_named_code.Recorder",
+        "_target_": "tests.config.test_named_code.Recorder",
         "solver": {"_target_": "zoac.mpc.solvers.riccati.Riccati"},
         "anything": {"_target_": "os.getcwd"},
     }
@@ -126,8 +129,8 @@ def test_a_node_for_an_argument_without_a_class_is_refused():
     ("path", "kind"),
     [
         ("zoac.tasks.pendulum.Pendulum", Task),
-        ("tests.core.test_named_code.pendulum", Task),
-        ("tests.core.test_named_code.alternative", Task),
+        ("tests.config.test_named_code.pendulum", Task),
+        ("tests.config.test_named_code.alternative", Task),
         ("zoac.tasks.user_task.user_task", Task),
         ("zoac.executors.base.Serial", Executor),
         ("zoac.mpc.solvers.clarabel_qp.ClarabelSolver", Solver),
@@ -140,19 +143,19 @@ def test_a_subclass_or_a_function_that_is_annotated_passes(path, kind):
 
 def test_a_function_that_does_not_say_what_it_returns_is_refused():
     with pytest.raises(ConfigError, match=r"def make\(...\) -> Task"):
-        locate_maker("tests.core.test_named_code.silent", (Task,), "task._target_")
+        locate_maker("tests.config.test_named_code.silent", (Task,), "task._target_")
 
 
 def named(**changes):
-    here = "tests.core.test_named_code"
+    here = "tests.config.test_named_code"
     given = {"env": f"{here}.drift", "controller": f"{here}.hold", "space": {"k": (0.0, 1.0)}}
     return user_task(**given | changes, max_episode_steps=5)
 
 
 @pytest.mark.parametrize("key", ["env", "controller", "metrics", "constraints"])
 @pytest.mark.parametrize(
-    "path", [*FOREIGN[:5], "tests.core.test_named_code.shell", "numpy.save", "pandas.eval",
-             "torch.load", "zoac.api.make_task", "tests.core.test_named_code.popen"],
+    "path", [*FOREIGN[:5], "tests.config.test_named_code.shell", "numpy.save", "pandas.eval",
+             "torch.load", "zoac.api.make_task", "tests.config.test_named_code.popen"],
 )  # fmt: skip
 def test_a_path_that_leads_to_a_program_is_refused(key, path):
     value = {"mine": path} if key in ("metrics", "constraints") else path
@@ -164,13 +167,13 @@ def test_a_path_that_leads_to_a_program_is_refused(key, path):
     "changes",
     [
         {},
-        {"env": "tests.core.test_named_code.unannotated_drift"},
-        {"env": "tests.core.test_named_code.cached"},
+        {"env": "tests.config.test_named_code.unannotated_drift"},
+        {"env": "tests.config.test_named_code.cached"},
         {"env": "tests.envs.test_adapters.Drift"},
         {"env": "gymnasium.envs.classic_control.PendulumEnv"},
-        {"controller": "tests.core.test_named_code.callable_object"},
-        {"controller": "tests.core.test_named_code.Callable"},
-        {"controller": "tests.core.test_named_code.with_gain"},
+        {"controller": "tests.config.test_named_code.callable_object"},
+        {"controller": "tests.config.test_named_code.Callable"},
+        {"controller": "tests.config.test_named_code.with_gain"},
     ],
 )
 def test_a_users_own_code_passes(changes):
@@ -205,8 +208,8 @@ def test_installed_functions_pass_if_they_say_what_they_return(monkeypatch):
         return 0.0
 
     act.__module__ = "numpy"
-    monkeypatch.setattr("tests.core.test_named_code.shell", act)
-    path = "tests.core.test_named_code.shell"
+    monkeypatch.setattr("tests.config.test_named_code.shell", act)
+    path = "tests.config.test_named_code.shell"
     assert locate_code(path, "controller", (), (float,), "") is act
     with pytest.raises(ConfigError, match="annotated: -> ndarray"):
         locate_code(path, "metrics.mine", (), (np.ndarray,), "")

@@ -12,9 +12,9 @@ import types
 from collections.abc import Callable
 from typing import Annotated, Any, Protocol, Union, get_args, get_origin, get_type_hints
 
+from zoac.config.fingerprint import is_installed
 from zoac.config.validate import locate
 from zoac.core.errors import ConfigError
-from zoac.runs.fingerprint import is_installed
 
 
 def locate_maker(path: str, kinds: tuple[type, ...], where: str) -> Callable[..., Any]:

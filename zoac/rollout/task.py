@@ -42,7 +42,7 @@ class Task(ABC):
     def parts(self) -> dict[str, Any]:
         """Return what tells this task from others beyond its configuration, by name.
 
-        Functions, classes and objects, or dicts of them; see `zoac.runs.fingerprint`.
+        Functions, classes and objects, or dicts of them; see `zoac.config.fingerprint`.
         """
         return {"task": self}
 

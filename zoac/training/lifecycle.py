@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from zoac.config import factory
+from zoac.config import factory, fingerprint
 from zoac.config.settings import Settings
 from zoac.config.validate import TARGET, locate
 from zoac.core.errors import ConfigError, RunFolderError
@@ -30,7 +30,7 @@ from zoac.executors.base import Executor
 from zoac.loggers.base import Logger
 from zoac.loggers.console import Console
 from zoac.rollout.task import Task
-from zoac.runs import fingerprint, schema
+from zoac.runs import schema
 from zoac.runs.lock import HeldError, locked
 from zoac.runs.log import RunLog
 from zoac.training.lifeline import is_cut

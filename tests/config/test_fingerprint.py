@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from tests.envs.test_adapters import Drift, Integrator
+from zoac.config.fingerprint import CannotTellError, described, told
 from zoac.core.measures import Constraint
-from zoac.runs.fingerprint import CannotTellError, described, told
 
 ROOT = Path(__file__).parents[2]
 GAIN = 1.0
@@ -137,7 +137,7 @@ def test_a_default_and_a_global_that_is_read_count(monkeypatch, name):
 
 def test_every_process_describes_alike():
     text = (
-        "from tests.runs.test_fingerprint import ALIKE, described\n"
+        "from tests.config.test_fingerprint import ALIKE, described\n"
         "print(*(described(make()) for make in ALIKE.values()))"
     )
     seen = {
