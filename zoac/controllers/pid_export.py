@@ -1,0 +1,148 @@
+"""A tuned `PID` as source code: C, MATLAB or Python."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+from zoac.controllers.pid import PID
+from zoac.core.errors import ConfigError, suggest
+
+
+def export_pid(pid: PID, parameters: Mapping[str, float], path: str | Path) -> Path:
+    """Write the controller in the language that the suffix names; return the path.
+
+    Args:
+        pid: Its structure: sample time, limits, weights, anti-windup.
+        parameters: Its gains, in the form of `pid`.
+        path: `.c` or `.h` (a state struct, `pid_init` and `pid_step`, without dependencies), `.m`
+            (MATLAB's `pid(Kp, Ki, Kd, Tf, Ts)`), `.py` (a class with `reset` and `step`).
+
+    Raises:
+        ConfigError: If the suffix is unknown, or a gain is not finite.
+    """
+    path = Path(path).expanduser()
+    gains = dict(zip(("Kp", "Ki", "Kd", "Tf"), map(float, pid.gains(parameters)), strict=True))
+    for name, value in gains.items():
+        if not math.isfinite(value):
+            raise ConfigError(f"{name}={value}: only finite gains can be exported")
+    writers = {".c": _c, ".h": _c, ".m": _matlab, ".py": _python}
+    if path.suffix not in writers:
+        raise ConfigError(f"export to {path.name!r}: {suggest(path.suffix, writers)}")
+    path.write_text(writers[path.suffix](pid, gains), encoding="utf-8")
+    return path
+
+
+def _number(value: float) -> str:
+    """Return a C literal that reads back as the same double."""
+    if math.isinf(value):
+        return "HUGE_VAL" if value > 0 else "-HUGE_VAL"
+    return repr(float(value))
+
+
+def _integral_step(pid: PID, gains: Mapping[str, float]) -> list[str]:
+    """Return the C lines between the output and the update of the integral."""
+    if pid.anti_windup == "clamping":
+        return ["    if ((v - u) * step > 0.0) step = 0.0; /* clamping */"]
+    if pid.anti_windup == "back_calculation":
+        time = float(pid.tracking_time_of(gains["Kp"], gains["Ki"], gains["Kd"]))
+        if math.isinf(time):
+            return []
+        fraction = pid.sample_time / time
+        return [f"    step = step + {_number(fraction)} * (u - v); /* back-calculation */"]
+    return []
+
+
+def _c(pid: PID, gains: Mapping[str, float]) -> str:
+    low, high = pid.output_limits
+    first = pid.initial_output
+    defines = {
+        "PID_TS": (pid.sample_time, "sample time [s]"),
+        "PID_KP": (gains["Kp"], ""),
+        "PID_KI": (gains["Ki"], "[1/s]"),
+        "PID_KD": (gains["Kd"], "[s]"),
+        "PID_TF": (gains["Tf"], "filter [s]"),
+        "PID_B": (pid.b, "weight of the set-point, proportional part"),
+        "PID_C": (pid.c, "weight of the set-point, derivative part"),
+        "PID_LOW": (low, "smallest output"),
+        "PID_HIGH": (high, "largest output"),
+        "PID_MAX_MOVE": (pid.rate_limit * pid.sample_time, "largest change a step"),
+    }
+    lines = [
+        f"#define {k} ({_number(v)}){f' /* {what} */' if what else ''}"
+        for k, (v, what) in defines.items()
+    ]
+    bumpless = "1" if first is not None else "0"
+    return "\n".join(
+        [
+            "/* A PID controller: call pid_init once, then pid_step every PID_TS seconds. */",
+            "#include <math.h>",
+            "",
+            *lines,
+            "",
+            "typedef struct { double integral, derivative, y, r, u; int begun; } pid_state;",
+            "",
+            "static void pid_init(pid_state *s)",
+            "{",
+            "    s->integral = s->derivative = s->y = s->r = 0.0;",
+            f"    s->u = {_number(first or 0.0)};",
+            "    s->begun = 0;",
+            "}",
+            "",
+            "static double pid_step(pid_state *s, double r, double y)",
+            "{",
+            "    double p, v, u, step;",
+            "    if (!s->begun) { s->y = y; s->r = r; }",
+            "    p = PID_KP * (PID_B * r - y);",
+            "    s->derivative = (PID_TF * s->derivative",
+            "                     + PID_KD * (PID_C * (r - s->r) - (y - s->y)))",
+            "                    / (PID_TF + PID_TS);",
+            f"    if ({bumpless} && !s->begun) s->integral = s->u - p;",
+            "    v = p + s->integral + s->derivative;",
+            "    u = v;",
+            f"    if ({bumpless} || s->begun) {{",
+            "        if (u > s->u + PID_MAX_MOVE) u = s->u + PID_MAX_MOVE;",
+            "        if (u < s->u - PID_MAX_MOVE) u = s->u - PID_MAX_MOVE;",
+            "    }",
+            "    if (u > PID_HIGH) u = PID_HIGH;",
+            "    if (u < PID_LOW) u = PID_LOW;",
+            "    step = PID_KI * PID_TS * (r - y);",
+            *_integral_step(pid, gains),
+            "    s->integral = s->integral + step;",
+            "    s->y = y; s->r = r; s->u = u; s->begun = 1;",
+            "    return u;",
+            "}",
+            "",
+        ]
+    )
+
+
+def _matlab(pid: PID, gains: Mapping[str, float]) -> str:
+    values = ", ".join(repr(gains[name]) for name in ("Kp", "Ki", "Kd", "Tf"))
+    formula = "'IFormula', 'ForwardEuler', 'DFormula', 'BackwardEuler'"
+    return (
+        "% Limits, set-point weights and anti-windup are not part of a pid object.\n"
+        f"C = pid({values}, {pid.sample_time!r}, {formula});\n"
+    )
+
+
+def _python(pid: PID, gains: Mapping[str, float]) -> str:
+    options = {
+        name: getattr(pid, name)
+        for name in ("sample_time", "b", "c", "output_limits", "rate_limit", "anti_windup",
+                     "tracking_time", "initial_output")
+    }  # fmt: skip
+    arguments = ",\n    ".join(f"{name}={_literal(value)}" for name, value in options.items())
+    values = tuple(gains.values())
+    return (
+        "import math\n\nimport numpy as np\n\nfrom zoac.controllers.pid import PID\n\n"
+        f"pid = PID(\n    {arguments},\n)\ngains = {values!r}\nmemory = pid.init(1)\n\n\n"
+        "def step(r, y):\n    global memory\n"
+        "    u, memory = pid.step(gains, np.array([y]), np.array([r]), memory)\n"
+        "    return float(u[0])\n"
+    )
+
+
+def _literal(value: object) -> str:
+    return repr(value).replace("inf", "math.inf")
