@@ -10,9 +10,7 @@ terminations per 100,000 steps of tuning: what the search did to the plant.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Collection, Mapping, Sequence
-from itertools import chain
-from typing import NamedTuple
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 import pandas as pd
@@ -28,20 +26,7 @@ REFERENCES = ("nominal", "best")
 ASIDE = ("budget", "mpc_solver", "executor")
 """Keys of a variant that name no method: the columns, and what moves no plan."""
 
-
-class Row(NamedTuple):
-    """A method, and what its seeds reached at each budget."""
-
-    tuner: str
-    variant: str
-    outcomes: Mapping[int, Mapping[int, Outcome]]  # budget -> seed
-
-
-class Outcome(NamedTuple):
-    """Of one run: its ratio, and terminations per 100,000 steps (None: not recorded)."""
-
-    ratio: float
-    terminations: float | None
+ROW = ["tuner", "variant"]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -64,15 +49,16 @@ def _command(options: argparse.Namespace) -> None:
     for task in sorted({run.method.task for run in finished}):
         runs = [run for run in finished if run.method.task == task]
         base = reference_run(runs, options.reference)
-        rows = table(runs, base, options.seeds)
-        texts.append(markdown(task, rows, options.reference, base.cost_mean))
-        frames.append(frame(task, rows))
+        frame = table(runs, base, options.seeds)
+        texts.append(markdown(task, frame, options.reference, base.cost_mean))
+        frames.append(frame.assign(task=task))
     text = "\n".join(texts)
     print(text)
     folder = cli.output_folder(options.out)
     cli.write(folder / "beyond.md", text)
-    records = pd.concat(frames, ignore_index=True)
-    cli.write(folder / "beyond.csv", records.to_csv(index=False, lineterminator="\n"))
+    columns = ["task", *frames[0].columns.drop("task")]
+    records = pd.concat(frames).to_csv(columns=columns, index=False, lineterminator="\n")
+    cli.write(folder / "beyond.csv", records)
 
 
 def reference_run(runs: Sequence[Run], reference: str) -> Run:
@@ -92,8 +78,12 @@ def reference_run(runs: Sequence[Run], reference: str) -> Run:
     return nominal[0]
 
 
-def table(runs: Sequence[Run], reference: Run, seeds: Collection[int] | None = None) -> list[Row]:
-    """Return the rows, best at the largest budget first.
+def table(
+    runs: Sequence[Run], reference: Run, seeds: Collection[int] | None = None
+) -> pd.DataFrame:
+    """Return tuner, variant, budget, seed, ratio, and terminations per 100,000 steps of each run.
+
+    The method that is best at its largest budget comes first.
 
     Args:
         runs: Finished runs of one task.
@@ -104,113 +94,83 @@ def table(runs: Sequence[Run], reference: Run, seeds: Collection[int] | None = N
         RunFolderError: If there is none, two are of the same row, budget and seed, or seeds,
             methods or the reference differ in what they must share.
     """
-    cells: dict[tuple[str, str, int], dict[int, Run]] = {}
-    for run in runs:
-        if not run.tuned or (seeds is not None and run.seed not in seeds):
-            continue
-        budget = int(run.config["budget"])
-        cell = cells.setdefault((run.method.tuner, _variant(run), budget), {})
-        other = cell.setdefault(run.seed, run)
-        if other is not run:
-            raise RunFolderError(
-                f"two runs of the same row, budget {budget} and seed {run.seed}: {other.folder} "
-                f"and {run.folder}; {', '.join(ASIDE)} tell no rows apart, so move one away"
-            )
-    if not cells:
-        known = ", ".join(map(str, sorted({run.seed for run in runs if run.tuned})))
+    tuned = [run for run in runs if run.tuned]
+    frame = pd.DataFrame(
+        {
+            "run": run,
+            "tuner": run.method.tuner,
+            "variant": _variant(run),
+            "budget": int(run.config["budget"]),
+            "seed": run.seed,
+            "ratio": run.cost_mean / reference.cost_mean,
+            "terminations": run.outcome.get("tuning_terminations", np.nan)
+            / run.outcome["env_steps"]
+            * 1e5,
+        }
+        for run in tuned
+        if seeds is None or run.seed in seeds
+    )  # fmt: skip
+    if frame.empty:
+        known = ", ".join(map(str, sorted({run.seed for run in tuned})))
         raise RunFolderError(
             f"no tuned run on {reference.method.task} with these seeds; "
             + (f"there are {known}" if known else "there is none at all")
         )
-    _refuse_unfair([list(cell.values()) for cell in cells.values()], reference)
-    found: dict[tuple[str, str], dict[int, dict[int, Outcome]]] = {}
-    for (tuner, variant, budget), cell in cells.items():
-        found.setdefault((tuner, variant), {})[budget] = {
-            seed: _outcome(run, reference) for seed, run in cell.items()
-        }
-    rows = [Row(tuner, variant, outcomes) for (tuner, variant), outcomes in found.items()]
-    return sorted(rows, key=lambda row: _ratios(row.outcomes[max(row.outcomes)]).mean())
+    _refuse_unfair(frame, reference)
+    largest = frame.groupby(ROW)["budget"].transform("max")
+    rank = frame[frame["budget"] == largest].groupby(ROW)["ratio"].mean().rename("rank")
+    ordered = frame.join(rank, on=ROW).sort_values(["rank", *ROW, "budget", "seed"])
+    return ordered.drop(columns=["run", "rank"])
 
 
-def _refuse_unfair(cells: Sequence[Sequence[Run]], reference: Run) -> None:
-    compared: dict[int, list[Run]] = {}
-    for cell in cells:
-        refuse_mixed(cell)
-        compared.setdefault(int(cell[0].config["budget"]), []).extend(cell)
-    for same_budget in compared.values():
-        refuse_unequal(same_budget)
-    refuse_unequal([reference, *chain.from_iterable(cells)], any_budget=True)
+def _refuse_unfair(frame: pd.DataFrame, reference: Run) -> None:
+    for (*_, budget, seed), same in frame.groupby([*ROW, "budget", "seed"], sort=False):
+        if len(same) > 1:
+            one, other, *_ = (run.folder for run in same["run"])
+            raise RunFolderError(
+                f"two runs of the same row, budget {budget} and seed {seed}: {one} and {other}; "
+                f"{', '.join(ASIDE)} tell no rows apart, so move one away"
+            )
+    for _, cell in frame.groupby([*ROW, "budget"], sort=False):
+        refuse_mixed(list(cell["run"]))
+    for _, same_budget in frame.groupby("budget", sort=False):
+        refuse_unequal(list(same_budget["run"]))
+    refuse_unequal([reference, *frame["run"]], any_budget=True)
 
 
-def markdown(task: str, rows: Sequence[Row], reference: str, cost: float) -> str:
+def markdown(task: str, frame: pd.DataFrame, reference: str, cost: float) -> str:
     """Return a Markdown table of ratios under a title, and one of terminations if recorded."""
     against = "the nominal controller" if reference == "nominal" else "the best run"
     text = (
         f"## {TASKS.get(task, task)}\n\n"
         f"Cost over that of {against} ({cost:.4g}) on the same episodes: mean, worst seed, (number "
-        f"of seeds).\n\n{_lines(rows, _ratio_cell)}\n"
+        f"of seeds).\n\n{_lines(frame['ratio'], frame, _ratio_cell)}\n"
     )
-    if all(_terminated(o) is None for row in rows for o in row.outcomes.values()):
+    if frame["terminations"].isna().all():
         return text
     return (
         f"{text}\nTerminations per 100,000 steps of tuning: mean of the seeds.\n\n"
-        f"{_lines(rows, _termination_cell)}\n"
+        f"{_lines(frame['terminations'], frame, _mean_cell)}\n"
     )
 
 
-def _lines(rows: Sequence[Row], cell: Callable[[Mapping[int, Outcome]], str]) -> str:
-    budgets = sorted({budget for row in rows for budget in row.outcomes})
+def _lines(values: pd.Series, frame: pd.DataFrame, cell: Callable[[pd.Series], str]) -> str:
+    """Return a row per method and a column per budget, each cell of its seeds' known values."""
+    budgets = sorted(frame["budget"].unique())
     lines = [["Tuner", *(f"{budget:,} steps" for budget in budgets)]]
-    for row in rows:
-        label = TUNERS.get(row.tuner, row.tuner) + (f" [{row.variant}]" if row.variant else "")
-        lines.append([label, *(cell(row.outcomes.get(budget, {})) for budget in budgets)])
+    for (tuner, variant), row in frame.groupby(ROW, sort=False):
+        label = TUNERS.get(str(tuner), str(tuner)) + (f" [{variant}]" if variant else "")
+        cells = [values[row.index[row["budget"] == budget]].dropna() for budget in budgets]
+        lines.append([label, *(cell(known) if len(known) else NOTHING for known in cells)])
     return pipes(lines)
 
 
-def frame(task: str, rows: Sequence[Row]) -> pd.DataFrame:
-    """Return one row per run: task, tuner, variant, budget, seed, ratio, terminations."""
-    return pd.DataFrame(
-        [
-            {
-                "task": task,
-                "tuner": row.tuner,
-                "variant": row.variant,
-                "budget": budget,
-                "seed": seed,
-                **outcome._asdict(),
-            }
-            for row in rows
-            for budget, outcomes in sorted(row.outcomes.items())
-            for seed, outcome in sorted(outcomes.items())
-        ]
-    )
-
-
-def _outcome(run: Run, reference: Run) -> Outcome:
-    count = run.outcome.get("tuning_terminations")
-    terminations = None if count is None else count / run.outcome["env_steps"] * 1e5
-    return Outcome(run.cost_mean / reference.cost_mean, terminations)
-
-
-def _ratios(outcomes: Mapping[int, Outcome]) -> np.ndarray:
-    return np.array([outcome.ratio for outcome in outcomes.values()])
-
-
-def _ratio_cell(outcomes: Mapping[int, Outcome]) -> str:
-    if not outcomes:
-        return NOTHING
-    ratios = _ratios(outcomes)
+def _ratio_cell(ratios: pd.Series) -> str:
     return f"{_ratio(ratios.mean())}, {_ratio(ratios.max())} ({len(ratios)})"
 
 
-def _terminated(outcomes: Mapping[int, Outcome]) -> float | None:
-    known = [o.terminations for o in outcomes.values() if o.terminations is not None]
-    return float(np.mean(known)) if known else None
-
-
-def _termination_cell(outcomes: Mapping[int, Outcome]) -> str:
-    mean = _terminated(outcomes)
-    return NOTHING if mean is None else f"{mean:.3g}"
+def _mean_cell(values: pd.Series) -> str:
+    return f"{values.mean():.3g}"
 
 
 def _ratio(value: float) -> str:

@@ -97,6 +97,14 @@ def stopped(folder, env, monkeypatch, **options):
             tune(folder, env, **options)
 
 
+class UnpicklableLate(LockedLate):
+    """Can still be copied then."""
+
+    def _lock(self):
+        if self.steps > self.since:
+            self.part = Unpicklable()
+
+
 LATE = {"max_episode_steps": 200, "budget": 800}
 
 
@@ -107,6 +115,7 @@ LATE = {"max_episode_steps": 200, "budget": 800}
         (Rebuilt, {}),
         (Locked, {}),
         (LockedLate, LATE),
+        (UnpicklableLate, LATE),
         (LockedLate, {**LATE, "executor": "process"}),
     ],
 )

@@ -362,8 +362,7 @@ class RolloutEngine:
                 self._told = True
                 print(
                     f"an environment cannot be copied any more ({type(error).__name__}: {error}): "
-                    "it goes "
-                    "on from where it stands, and held-out episodes begin anew",
+                    "it goes on from where it stands, and a held-out episode ends its own",
                     file=sys.stderr,
                 )
             return None
