@@ -144,9 +144,12 @@ def latex(comparison: Comparison) -> str:
 
 
 def csv(comparison: Comparison) -> str:
-    """Return one row per method with every number at full precision; violations are shares."""
+    """Return one row per method, numbers to ten digits; violations are fractions of episodes.
+
+    Beyond ten digits the order in which a processor sums is seen.
+    """
     frame = pd.DataFrame([_record(s) for s in comparison.summaries])
-    return frame.to_csv(index=False, lineterminator="\n")
+    return frame.to_csv(index=False, lineterminator="\n", float_format="%.10g")
 
 
 def main_cells(comparison: Comparison) -> list[list[str]]:
