@@ -1,8 +1,8 @@
 """Acquisition functions of a Gaussian process, with their gradients.
 
-The library's values (`bayes_opt.util.UtilityFunction`), which it climbs by finite differences
-through scikit-learn: most of the time of an ask. Here the gradient is written out for the library's
-kernel, a Matern of smoothness 5/2 with one length scale.
+The values are those of `bayes_opt.util.UtilityFunction`. The library maximises them by finite
+differences through scikit-learn, which takes most of the time of an ask. This module has the exact
+gradient for the library's kernel, a Matern of smoothness 5/2 with one length scale.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 
 Kind = Literal["ucb", "ei", "poi"]
 
-_SMALLEST_VARIANCE = 1e-12  # relative to the prior's; rounding makes it negative at known points
+_MIN_VARIANCE = 1e-12  # relative to the prior's; rounding makes it negative at known points
 _PIECE = 500  # points at a time, for matrices that stay in the processor's cache
 
 
 class Acquisition:
-    """What a point promises, to be maximised, under a fitted process."""
+    """An acquisition function of a fitted process, to be maximised."""
 
     def __init__(
         self,
@@ -59,7 +59,7 @@ class Acquisition:
         covariance = _matern(distances)
         reduced = covariance @ self._whitening.T
         variance = 1.0 - np.einsum("ij,ij->i", reduced, reduced)
-        std = self._std * np.sqrt(np.maximum(variance, _SMALLEST_VARIANCE))
+        std = self._std * np.sqrt(np.maximum(variance, _MIN_VARIANCE))
         mean = self._std * (covariance @ self._alpha) + self._mean
         return self._value(mean, std)
 
@@ -74,8 +74,8 @@ class Acquisition:
         reduced = self._whitening @ covariance
         variance = 1.0 - reduced @ reduced
         by_variance = -2.0 * ((self._whitening.T @ reduced) * slope) @ offsets
-        if variance < _SMALLEST_VARIANCE:
-            variance, by_variance = _SMALLEST_VARIANCE, np.zeros_like(x)
+        if variance < _MIN_VARIANCE:
+            variance, by_variance = _MIN_VARIANCE, np.zeros_like(x)
         mean = self._std * float(covariance @ self._alpha) + self._mean
         std = self._std * math.sqrt(variance)
         mean_gradient = self._std * ((self._alpha * slope) @ offsets)
@@ -96,11 +96,11 @@ class Acquisition:
         """Return the derivatives of the value with respect to mean and standard deviation."""
         if self._kind == "ucb":
             return 1.0, self._kappa
-        z = (mean - self._best - self._xi) / std
-        density = float(_normal_density(z))
+        gain = (mean - self._best - self._xi) / std
+        density = float(_normal_density(gain))
         if self._kind == "poi":
-            return density / std, -density * z / std
-        return float(ndtr(z)), density
+            return density / std, -density * gain / std
+        return float(ndtr(gain)), density
 
 
 def _squared_distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -112,5 +112,5 @@ def _matern(distances: np.ndarray) -> np.ndarray:
     return (1.0 + r + r * r / 3.0) * np.exp(-r)
 
 
-def _normal_density(z: np.ndarray | float) -> np.ndarray:
-    return np.exp(-0.5 * np.square(z)) / math.sqrt(2.0 * math.pi)
+def _normal_density(x: np.ndarray | float) -> np.ndarray:
+    return np.exp(-0.5 * np.square(x)) / math.sqrt(2.0 * math.pi)

@@ -1,4 +1,4 @@
-"""Bayesian optimisation by Nevergrad, made to last for thousands of evaluations."""
+"""Bayesian optimisation by Nevergrad, with bounded time per evaluation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from zoac.core.parameters import ParameterSpace
 from zoac.core.seeding import global_random_kept
 from zoac.core.state import OwnObject
 from zoac.core.tuner import Problem
-from zoac.core.types import Count, Fraction, NonNegative, Positive
+from zoac.core.types import Count, NonNegative, Positive
 from zoac.rollout.outcomes import Outcomes
 
 Rounding = Callable[[np.ndarray], np.ndarray]
@@ -49,13 +49,12 @@ class BayesOpt(NevergradTuner):
         refit_growth: NonNegative = 0.05,
         max_observations: Annotated[int, Field(ge=10)] | None = 300,
         recommendation: Literal["library", "mean", "best_seen", "reevaluated"] = "library",
-        reevaluate_top: Count = 10,
-        reevaluate_fraction: Fraction = 0.1,
+        **options: Any,
     ) -> None:
         """
         Args:
             problem: What is tuned.
-            start: The first point; "library": none, the library ignores any start.
+            start: First point, see `EpisodeTuner`; "library": none, as the library ignores it.
             initial_design: Random points before the first fit; None: the library's, the square
                 root of the number of evaluations.
             noise: Variance of the noise over that of the costs; the default is the library's and
@@ -63,19 +62,14 @@ class BayesOpt(NevergradTuner):
             acquisition: Upper confidence bound, expected improvement or its probability.
             kappa: Standard deviations in the upper confidence bound.
             xi: Margin in the two improvements.
-            refit_growth: The kernel's length scale is estimated anew when there are that share
-                more observations; in between the process is conditioned on all observations with
-                the last one. 0: at every point.
-            max_observations: The process sees no more than these: the cheapest half and the most
-                recent half. None: all.
-            recommendation: "library": the cheapest single episode's point; "mean": among the
-                points evaluated, the one of the lowest posterior mean as of the last ask; or see
-                `EpisodeTuner`.
-            reevaluate_top: See `EpisodeTuner`.
-            reevaluate_fraction: See `EpisodeTuner`.
-
-        Raises:
-            ConfigError: If `start` is "baseline" and the task has no baseline parameters.
+            refit_growth: Fraction by which the observations must grow before the length scale of
+                the kernel is estimated again. In between, the process is conditioned on all
+                observations with the last estimate. 0: estimate at every point.
+            max_observations: Largest number of observations that the process is conditioned on:
+                the cheapest half and the most recent half. None: all.
+            recommendation: "library": the cheapest single episode's point; "mean": the evaluated
+                point of the lowest posterior mean at the last ask; others: see `EpisodeTuner`.
+            options: Of `EpisodeTuner`.
         """
         self._seen = Outcomes.none()
         self._suggests_start = start != "library"
@@ -89,21 +83,14 @@ class BayesOpt(NevergradTuner):
             "max_observations": max_observations,
         }
         with global_random_kept():  # the library tries it out
-            factory = ng.families.ParametrizedBO(
+            self._factory = ng.families.ParametrizedBO(
                 init_budget=initial_design,
                 utility_kind=acquisition,
                 utility_kappa=kappa,
                 utility_xi=xi,
                 gp_parameters={"alpha": noise},
             )
-        super().__init__(
-            problem,
-            factory,
-            start=start,
-            recommendation=recommendation,
-            reevaluate_top=reevaluate_top,
-            reevaluate_fraction=reevaluate_fraction,
-        )
+        super().__init__(problem, start=start, recommendation=recommendation, **options)
 
     def _make(self) -> Any:
         optimizer = super()._make()
@@ -126,7 +113,7 @@ class BayesOpt(NevergradTuner):
         return optimizer
 
     def _draw(self) -> list[np.ndarray]:
-        # The library knows keys, which rank; the process needs numbers whose differences tell.
+        # The library was told keys, which only rank. The process needs meaningful differences.
         bo = self._part("bo")
         bo.suggest = partial(
             suggest,
@@ -150,7 +137,7 @@ class BayesOpt(NevergradTuner):
         return points[int(np.argmax(means))] * 2.0 - 1.0
 
     def _own_state(self) -> Any:
-        # Replaying would ask everything again, for hours; this optimiser is copied exactly.
+        # Repeating every ask would take hours, so the optimiser is copied.
         library = OwnObject(deepcopy((self._optimizer, self._process, self._asked)))
         return library, self._global_random, self._seen.state()
 
@@ -160,13 +147,13 @@ class BayesOpt(NevergradTuner):
         self._seen = Outcomes(*seen)
 
     def describe(self) -> dict[str, Any]:
-        """Return the choices that a fair comparison must show."""
+        """See `Tuner.describe`."""
         design = self._model["initial_design"] or int(np.sqrt(self.search_episodes))
         return {**super().describe(), **self._model, "initial_design": max(2, design)}
 
 
 class BoundedRegressor(GaussianProcessRegressor):
-    """A Gaussian process that estimates its kernel seldom and sees a bounded number of points."""
+    """A Gaussian process with few kernel estimates and a bounded number of observations."""
 
     kernel: Any
     optimizer: Any
@@ -180,7 +167,7 @@ class BoundedRegressor(GaussianProcessRegressor):
     def like(
         cls, process: GaussianProcessRegressor, growth: float, cap: int | None
     ) -> BoundedRegressor:
-        """Return one with the settings of `process`; see `BayesOpt` for the other two."""
+        """Return a regressor with the settings of `process`; see `BayesOpt` for the others."""
         bounded = cls(**process.get_params(deep=False))
         bounded.growth, bounded.cap = growth, cap
         return bounded
@@ -196,8 +183,8 @@ class BoundedRegressor(GaussianProcessRegressor):
         self._due = max(len(values) + 1, int(len(values) * (1.0 + self.growth)))
         super().fit(points, values_kept)
         if previous is not None and self.growth > 0:
-            # The library's estimate fails now and then, at a bound where the likelihood is flat;
-            # it would have a new chance at the next point, here it would stay for long.
+            # The library's estimate sometimes ends at a bound where the likelihood is flat. The
+            # library estimates again at the next point; here a bad estimate would last longer.
             likelihood = self.log_marginal_likelihood(previous.theta)
             if likelihood > self.log_marginal_likelihood_value_:
                 return self._condition(points, values_kept, previous)
@@ -225,9 +212,9 @@ def kept_observations(values: np.ndarray, cap: int | None) -> np.ndarray:
 
 def rounded_points(space: ParameterSpace, points: np.ndarray) -> np.ndarray:
     """`ParameterSpace.rounded` of points (..., d) in the library's box [0, 1]^d."""
-    z = points * 2.0 - 1.0
-    rounded = space.rounded(z)
-    return np.where(rounded == z, points, (rounded + 1.0) / 2.0)
+    x = points * 2.0 - 1.0
+    rounded = space.rounded(x)
+    return np.where(rounded == x, points, (rounded + 1.0) / 2.0)
 
 
 def suggest(
@@ -239,11 +226,9 @@ def suggest(
 ) -> dict[str, float]:
     """Return the next point, as `bayes_opt.BayesianOptimization.suggest` does, but faster.
 
-    `process` stands in for the library's, and `targets` (n,), to be maximised, for those that it
-    was told.
-
-    Discrete parameters: the process sees rounded points alone, so that what it believes is constant
-    where the cost is (Garrido-Merchan and Hernandez-Lobato 2020).
+    `process` replaces the library's process, and `targets` (n,), to be maximised, the values that
+    the library was told. The process is fitted to rounded points, so that its posterior is constant
+    where the cost is constant (Garrido-Merchan and Hernandez-Lobato 2020).
     """
     if len(bo.space) == 0:
         return bo.space.array_to_params(bo.space.random_sample())
@@ -267,14 +252,15 @@ def maximise(
 ) -> np.ndarray:
     """Return the best point (d,) of a random search and of L-BFGS-B from random starts.
 
-    It is `bayes_opt.util.acq_max`, from the same random numbers, with exact gradients.
+    The algorithm and its random numbers are those of `bayes_opt.util.acq_max`; the gradients are
+    exact.
 
     Args:
         acquisition: What to maximise.
         bounds: Lower and upper bounds (d, 2).
         random_state: Gives the random points.
-        rounded: Maps points (..., d) to those that stand for their values; coordinates that it
-            moves stay where they begin.
+        rounded: Rounds points (..., d) to allowed values. Coordinates that it changes stay at the
+            start.
         samples: Points of the random search.
         starts: Starts of L-BFGS-B.
     """

@@ -1,4 +1,4 @@
-"""CMA-ES by Nevergrad, as the library has it or as it is told."""
+"""CMA-ES by Nevergrad: the library's choices or one's own."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic import Field
 from zoac.baselines.nevergrad import NevergradTuner, ng
 from zoac.core.errors import ConfigError
 from zoac.core.tuner import Problem
-from zoac.core.types import Count, Fraction, Positive
+from zoac.core.types import Positive
 from zoac.rollout.outcomes import Outcomes
 
 
@@ -18,42 +18,38 @@ class CmaEs(NevergradTuner):
     """Nevergrad's `CMA`, or its `ParametrizedCMA` where an option says otherwise.
 
     On a bounded box `CMA` is not textbook CMA-ES: the library chooses a diagonal, elitist
-    variant of small population and small initial spread, and recommends the point of the
-    cheapest single episode since its last restart. `describe` shows what was chosen.
+    variant with a small population and a small initial standard deviation. It recommends the
+    point of the cheapest single episode since its last restart. `describe` shows the choices.
     """
 
     def __init__(
         self,
         problem: Problem,
         *,
-        start: Literal["random", "baseline", "middle"] = "random",
         initial_sigma: Positive | None = None,
         population: Annotated[int, Field(ge=2)] | None = None,
         covariance: Literal["full", "diagonal"] | None = None,
         elitist: bool | None = None,
         recommendation: Literal["library", "mean", "best_seen", "reevaluated"] = "library",
-        reevaluate_top: Count = 10,
-        reevaluate_fraction: Fraction = 0.1,
+        **options: Any,
     ) -> None:
         """
-        Four options are the library's choice where they are None. With any of them given, the
-        others become those of textbook CMA-ES: spread 0.5, population 4 + 3 ln d, full
+        If the first four options are None, the library chooses. If any of them is given, the
+        others take the values of textbook CMA-ES: initial sigma 0.5, population 4 + 3 ln d, full
         covariance, not elitist.
 
         Args:
             problem: What is tuned.
-            start: The initial mean.
-            spread: Initial standard deviation in the mapped box.
+            initial_sigma: Initial standard deviation in normalised coordinates.
             population: Points per generation; a batch is then one generation.
             covariance: "full" or "diagonal".
             elitist: The best point so far stays in the population.
-            recommendation: "library"; "mean" of the search distribution; or see `EpisodeTuner`.
-            reevaluate_top: See `EpisodeTuner`.
-            reevaluate_fraction: See `EpisodeTuner`.
+            recommendation: "library"; "mean" of the search distribution; others: see
+                `EpisodeTuner`.
+            options: Of `EpisodeTuner`; the initial mean is `start`.
 
         Raises:
-            ConfigError: If there is a single parameter, or `start` is "baseline" and the task has
-                no baseline parameters.
+            ConfigError: If there is a single parameter.
         """
         if problem.space.dimension == 1:
             raise ConfigError(
@@ -61,38 +57,26 @@ class CmaEs(NevergradTuner):
             )
         chosen = (initial_sigma, population, covariance, elitist)
         self._by_library = all(option is None for option in chosen)
-        textbook = ng.families.ParametrizedCMA(
-            scale=1.0,
-            popsize=population or 4 + int(3 * np.log(problem.space.dimension)),
-            diagonal=covariance == "diagonal",
-            elitist=bool(elitist),
-        )
-        super().__init__(
-            problem,
-            ng.optimizers.registry["CMA"] if self._by_library else textbook,
-            start=start,
-            initial_sigma=None
-            if self._by_library
-            else self._mutation(problem, initial_sigma or 0.5),
-            # With more workers the library would enlarge the population to their number.
-            workers=None if self._by_library else 1,
-            recommendation=recommendation,
-            reevaluate_top=reevaluate_top,
-            reevaluate_fraction=reevaluate_fraction,
-        )
-
-    @staticmethod
-    def _mutation(problem: Problem, initial_sigma: float) -> float:
-        """Return Nevergrad's mutation standard deviation that gives CMA-ES this spread."""
-        factor = 0.3 if problem.space.dimension < 18 else 0.15  # the library's, for a bounded box
-        return initial_sigma / factor
+        self._factory = ng.optimizers.registry["CMA"]
+        if not self._by_library:
+            d = problem.space.dimension
+            self._factory = ng.families.ParametrizedCMA(
+                scale=1.0,
+                popsize=population or 4 + int(3 * np.log(d)),
+                diagonal=covariance == "diagonal",
+                elitist=bool(elitist),
+            )
+            # The library scales its mutations by this factor on a bounded box.
+            self._initial_sigma = (initial_sigma or 0.5) / (0.3 if d < 18 else 0.15)
+            self._workers = 1  # with more workers the library would enlarge the population
+        super().__init__(problem, recommendation=recommendation, **options)
 
     @property
     def _strategy(self) -> Any:
-        """The `cma.CMAEvolutionStrategy` within."""
+        """The `cma.CMAEvolutionStrategy` inside the optimiser."""
         optimizer = self._part("optim") if self._by_library else self._optimizer
         with self._library():
-            # The property `es` restarts a strategy that has converged: not for looking at it.
+            # Reading the property `es` would restart a strategy that has converged.
             return optimizer.es if optimizer._es is None else optimizer._es
 
     def _batch(self) -> int:
@@ -110,7 +94,7 @@ class CmaEs(NevergradTuner):
             return np.array(box.set_standardized_data(self._strategy.mean).value)
 
     def describe(self) -> dict[str, Any]:
-        """Return the choices, those of the library as it made them."""
+        """See `Tuner.describe`."""
         strategy = self._strategy
         return {
             **super().describe(),

@@ -1,10 +1,10 @@
-"""What the baselines share: whole episodes, costs that are not finite, what they recommend."""
+"""Base class of tuners that learn from the costs of whole episodes."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,17 +19,19 @@ from zoac.strategies.held_out import HeldOut
 class EpisodeTuner(Tuner):
     """A tuner that sees nothing of an episode but its undiscounted cost.
 
-    A subclass draws points in `_draw` and learns from their costs in `_learn`. This class spreads
-    them over the environments, remembers the best single episodes, and re-evaluates them if asked
-    to.
+    A subclass draws points in `_draw` and learns from their costs in `_learn`. This class
+    distributes the points over the environments, remembers the best single episodes and
+    re-evaluates them on request.
 
-    Episodes rank as `zoac.rollout.outcomes` says. One whose cost is not finite is never a best one.
+    `zoac.rollout.outcomes` defines how episodes rank. An episode whose cost is not finite is never
+    among the best.
     """
 
     def __init__(
         self,
         problem: Problem,
         *,
+        start: Literal["random", "baseline", "middle"] = "random",
         recommendation: str,
         reevaluate_top: Count = 10,
         reevaluate_fraction: Fraction = 0.1,
@@ -37,11 +39,16 @@ class EpisodeTuner(Tuner):
         """
         Args:
             problem: What is tuned.
+            start: Where the search starts: a random point, the task's baseline or the middle of
+                the box. The baseline is also recommended until a cost is known.
             recommendation: "best_seen": the parameters of the cheapest single episode;
                 "reevaluated": the best of the cheapest after more episodes; any other: the
                 subclass's own.
-            reevaluate_top: How many of the cheapest are re-evaluated.
-            reevaluate_fraction: The last share of the budget, spent on it.
+            reevaluate_top: Number of the cheapest points that are re-evaluated.
+            reevaluate_fraction: Last fraction of the budget, spent on re-evaluation.
+
+        Raises:
+            ConfigError: If `start` is "baseline" and the task has no baseline parameters.
         """
         self._problem = problem
         self._rng = problem.rng("tuner")
@@ -53,45 +60,36 @@ class EpisodeTuner(Tuner):
         self._best = _Best(reevaluate_top, problem.space.dimension)
         self._unknown = np.zeros(problem.space.dimension)
         self._final: _Reevaluation | None = None
+        self._start = start
+        if start == "baseline":
+            self._unknown = baseline_point(problem, "start: baseline")
+        self._first = self._unknown.copy()
+        if start == "random":
+            self._first = self._rng.uniform(-1.0, 1.0, problem.space.dimension)
 
     @property
     def search_episodes(self) -> int:
-        """Number of episodes that the search can pay for, if each runs to its time limit."""
+        """Number of episodes within the search budget if each runs to its time limit."""
         return max(1, self._search_steps // self._problem.max_episode_steps)
 
     @abstractmethod
     def _draw(self) -> list[np.ndarray]:
         """Return the next points to evaluate, each (d,); none if there is nothing left to do."""
 
-    @abstractmethod
     def _learn(self, outcomes: Outcomes) -> dict[str, float]:
         """Take the outcomes of all points drawn since the last call, in their order."""
+        return {}
 
-    @abstractmethod
     def _own_recommendation(self) -> np.ndarray | None:
         """Return the subclass's recommendation (d,), or None if it has none yet."""
+        return None
 
-    @abstractmethod
     def _own_state(self) -> Any:
         """Return a copy of what the subclass adds to the state; see `Tuner.state`."""
+        return None
 
-    @abstractmethod
     def _own_restore(self, state: Any) -> None:
-        """Put back what `_own_state` returned."""
-
-    def _starting_point(self, start: str) -> np.ndarray:
-        """Return the mapped parameters (d,) of a start: "random", "baseline" or the "middle".
-
-        Nominal ones are also what is recommended while no cost is known.
-
-        Raises:
-            ConfigError: If it is "baseline" and the task has no baseline parameters.
-        """
-        if start == "random":
-            return self._rng.uniform(-1.0, 1.0, self._problem.space.dimension)
-        if start == "baseline":
-            self._unknown = baseline_point(self._problem, "start: baseline")
-        return self._unknown.copy()
+        """Restore what `_own_state` returned."""
 
     def ask(self) -> list[Proposal]:
         """Return one whole episode per point."""
@@ -103,7 +101,7 @@ class EpisodeTuner(Tuner):
         return [Proposal(x=np.array(x), env_index=i % num_envs) for i, x in enumerate(self._draw())]
 
     def _search_is_over(self) -> bool:
-        """Tell whether it is time to re-evaluate; with a small budget, while there is enough."""
+        """Whether to re-evaluate now: with a small budget, while one round is still affordable."""
         batch, problem = self._batch_size * self._problem.max_episode_steps, self._problem
         left = problem.budget - self._steps - batch
         enough = (len(self._best) + 1) * problem.max_episode_steps
@@ -128,7 +126,7 @@ class EpisodeTuner(Tuner):
         return metrics | self._learn(outcomes)
 
     def recommend(self) -> np.ndarray:
-        """Return what the option `recommendation` says; while nothing is known, start or middle."""
+        """Return the recommendation; until a cost is known, the baseline or the middle."""
         if self._final is not None and self._final.begun:
             return self._final.best
         x = None
@@ -161,7 +159,7 @@ class EpisodeTuner(Tuner):
         }
 
     def restore(self, state: Any) -> None:
-        """Put back what `state` returned."""
+        """See `Tuner.restore`."""
         self._own_restore(state["own"])
         self._rng.bit_generator.state = state["rng"]
         self._steps, self._batch_size = state["steps"], state["batch_size"]
@@ -174,7 +172,7 @@ class EpisodeTuner(Tuner):
 
 
 def baseline_point(problem: Problem, wanted_by: str) -> np.ndarray:
-    """Return a copy of the task's baseline mapped parameters (d,).
+    """Return a copy of the task's normalised baseline parameters (d,).
 
     Raises:
         ConfigError: If the task has none.
@@ -213,18 +211,18 @@ class _Best:
 
 
 class _Reevaluation(HeldOut):
-    """More episodes for the best points and the baseline, each round on one common start."""
+    """More episodes for the best points and the baseline; each round uses one held-out seed."""
 
     def __init__(self, problem: Problem, best: _Best) -> None:
         super().__init__(problem, "reevaluation")
         for x in best.points:
             self.enter(x)
         self._seen = best.costs
-        self._told = np.zeros(len(best))  # sums of the costs that a tuner is told, as `_seen` are
+        self._told = np.zeros(len(best))  # sums of tuning costs, the kind of cost in `_seen`
         self.enter_baseline()
 
     def numbers(self, segments: Sequence[Segment]) -> dict[str, float]:
-        """Take a round; return numbers to log."""
+        """Record one round of episodes; return numbers to log."""
         self.tell(segments)
         self._told += bad_is_infinite(cost_sums(segments[: len(self._seen)]))
         rounds, means = len(self.costs), self.costs.mean(axis=0)

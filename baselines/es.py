@@ -9,7 +9,7 @@ import numpy as np
 from zoac.algorithm.adam import Adam
 from zoac.baselines.episodes import EpisodeTuner
 from zoac.core.tuner import Problem
-from zoac.core.types import Count, Fraction, Positive
+from zoac.core.types import Count, Positive
 from zoac.rollout.outcomes import Outcomes
 
 
@@ -24,39 +24,26 @@ class EvolutionStrategy(EpisodeTuner):
         sigma: Positive = 0.1,
         step_size: Positive = 0.05,
         standardise_costs: bool = True,
-        start: Literal["random", "baseline", "middle"] = "random",
         recommendation: Literal["mean", "best_seen", "reevaluated"] = "mean",
-        reevaluate_top: Count = 10,
-        reevaluate_fraction: Fraction = 0.1,
+        **options: Any,
     ) -> None:
         """
         Args:
             problem: What is tuned.
             population: Episodes per gradient step, n of eq. (2).
-            sigma: Standard deviation of the search distribution, in the mapped box.
-            step_size: Adam's.
+            sigma: Standard deviation of the search distribution, in normalised coordinates.
+            step_size: Step size of Adam.
             standardise_costs: Subtract the population's mean cost and divide by its standard
                 deviation before eq. (2).
-            start: Where the search distribution's mean starts.
-            recommendation: "mean" of the search distribution, or see `EpisodeTuner`.
-            reevaluate_top: See `EpisodeTuner`.
-            reevaluate_fraction: See `EpisodeTuner`.
-
-        Raises:
-            ConfigError: If `start` is "baseline" and the task has no baseline parameters.
+            recommendation: "mean" of the search distribution; others: see `EpisodeTuner`.
+            options: Of `EpisodeTuner`; the first mean is `start`.
         """
-        super().__init__(
-            problem,
-            recommendation=recommendation,
-            reevaluate_top=reevaluate_top,
-            reevaluate_fraction=reevaluate_fraction,
-        )
+        super().__init__(problem, recommendation=recommendation, **options)
         self._population = population
         self._sigma = sigma
         self._step_size = step_size
         self._standardise = standardise_costs
-        self._start = start
-        self._theta = self._starting_point(start)
+        self._theta = self._first
         self._adam = Adam(problem.space.dimension)
         self._noise = np.empty((0, len(self._theta)))
 
@@ -67,8 +54,7 @@ class EvolutionStrategy(EpisodeTuner):
     def _learn(self, outcomes: Outcomes) -> dict[str, float]:
         costs = self._costs.prices(outcomes)
         gradient = es_gradient(self._noise, costs, self._sigma, standardise=self._standardise)
-        # The mean stays in the box: beyond it nothing would pull it back, since the noise is
-        # clipped away there.
+        # Outside the box the noise is clipped, so no gradient would return the mean to the box.
         theta = self._adam.descend(self._theta, gradient, self._step_size)
         self._theta = self._problem.space.clip(theta)
         return {"gradient_norm": float(np.linalg.norm(gradient))}
@@ -85,7 +71,7 @@ class EvolutionStrategy(EpisodeTuner):
         self._noise = noise.copy()
 
     def describe(self) -> dict[str, Any]:
-        """Return the choices, all of them this project's own."""
+        """See `Tuner.describe`."""
         return {
             "start": self._start,
             "population": self._population,

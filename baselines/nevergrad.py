@@ -1,4 +1,4 @@
-"""Any optimiser of Nevergrad by its name, on whole episodes."""
+"""Any optimiser of Nevergrad by its name."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from zoac.baselines.episodes import EpisodeTuner
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.seeding import global_random_kept
 from zoac.core.tuner import Problem
-from zoac.core.types import Count, Fraction, Positive
+from zoac.core.types import Positive
 from zoac.rollout.outcomes import Outcomes
 
 with global_random_kept():  # the library draws while it is imported
@@ -33,7 +33,7 @@ LIBRARY_SIGMA = 1.0 / 3.0
 
 
 class _Counting(queue.Queue[Any]):
-    """A queue that knows how many items were put into it."""
+    """A queue that counts the items put into it."""
 
     count = 0
 
@@ -43,9 +43,9 @@ class _Counting(queue.Queue[Any]):
 
 
 class _Thread(recaster._MessagingThread):
-    """Optimisers without ask and tell run in a thread; the library's own has two faults.
+    """The thread of an optimiser without ask and tell, without two faults of the library's class.
 
-    It keeps Python from exiting, and it goes on computing, and drawing random numbers, after
+    The library's thread keeps Python from exiting. It also computes and draws random numbers after
     `tell` has returned.
     """
 
@@ -59,7 +59,7 @@ class _Thread(recaster._MessagingThread):
 
     @classmethod
     def settle(cls) -> None:
-        """Wait until each thread has asked for as many values as it was told, and one more."""
+        """Wait until each thread has asked for one value more than it was told."""
         for thread in list(cls.alive):
             while thread.is_alive() and thread.call_count <= thread.messages_tell.count:
                 time.sleep(1e-4)
@@ -71,57 +71,37 @@ recaster._MessagingThread = _Thread
 class NevergradTuner(EpisodeTuner):
     """An optimiser of Nevergrad, by ask and tell.
 
-    Its state is the history of costs: `restore` builds the optimiser anew from the same seed, asks
-    and tells it the same again. That needs nothing of an optimiser but to be deterministic, and
-    takes as long as the optimiser's own computations did.
+    The state is the history of costs. `restore` makes the optimiser again from the same seed and
+    repeats every ask and tell. Any deterministic optimiser resumes exactly; the repetition takes as
+    long as the optimiser's own computations did.
+
+    A subclass sets `_factory`, and if necessary the two attributes below, before it calls the
+    constructor of this class.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        factory: Factory,
-        *,
-        start: str,
-        initial_sigma: float | None = None,
-        workers: int | None = None,
-        recommendation: str,
-        reevaluate_top: int,
-        reevaluate_fraction: float,
-    ) -> None:
+    _factory: Factory
+    _initial_sigma: float = LIBRARY_SIGMA
+    """Standard deviation of Nevergrad's mutations, in normalised coordinates."""
+    _workers: int = 0
+    """Evaluations planned at a time; 0: `num_envs`, or 1 where the library allows no more."""
+
+    def __init__(self, problem: Problem, **options: Any) -> None:
         """
         Args:
             problem: What is tuned.
-            factory: Makes the optimiser.
-            start: "random", "baseline" or "middle": the parametrization's initial value.
-            spread: Standard deviation of Nevergrad's mutations, in the mapped box; None: the
-                library's.
-            workers: How many evaluations the library plans for at a time; None: the number of
-                environments, or 1 for an optimiser that allows no more.
-            recommendation: "library": the optimiser's own; or see `EpisodeTuner`.
-            reevaluate_top: See `EpisodeTuner`.
-            reevaluate_fraction: See `EpisodeTuner`.
+            options: Of `EpisodeTuner`.
 
         Raises:
-            ConfigError: If the optimiser needs a package that is not installed, or `start` is
-                "baseline" and the task has no baseline parameters.
+            ConfigError: If the optimiser needs a package that is not installed.
         """
-        super().__init__(
-            problem,
-            recommendation=recommendation,
-            reevaluate_top=reevaluate_top,
-            reevaluate_fraction=reevaluate_fraction,
-        )
-        self._factory = factory
-        self._start = start
-        self._initial_sigma = LIBRARY_SIGMA if initial_sigma is None else initial_sigma
-        one_by_one = getattr(factory, "no_parallelization", False)
-        self._workers = workers or (1 if one_by_one else problem.num_envs)
-        self._first = self._starting_point(start)
+        super().__init__(problem, **options)
+        one_by_one = getattr(self._factory, "no_parallelization", False)
+        self._workers = self._workers or (1 if one_by_one else problem.num_envs)
         self._seed = int(self._rng.integers(2**32))
         self._begin()
 
     def _begin(self) -> None:
-        """Make the optimiser as it is before the first ask."""
+        """Make the optimiser in its state before the first ask."""
         self._global_random = np.random.RandomState(self._seed).get_state()
         self._optimizer = self._make()
         self._asked: list[Any] = []
@@ -136,10 +116,10 @@ class NevergradTuner(EpisodeTuner):
 
     @contextmanager
     def _library(self) -> Iterator[None]:
-        """Run the library's code in a house of its own.
+        """Run library code with its own global NumPy random state.
 
-        Some optimisers draw from numpy's global random state: here they find one seeded from the
-        tuner's stream. Warnings about settings that are meant are silenced.
+        Some optimisers draw from the global state; this one is seeded from the tuner's stream.
+        Warnings about intended settings are silenced.
 
         Raises:
             ConfigError: If the library's code fails; some optimisers need packages that are not
@@ -163,7 +143,7 @@ class NevergradTuner(EpisodeTuner):
 
     @contextmanager
     def _only_looking(self) -> Iterator[None]:
-        """Run library code that draws nothing which counts: some parts are made when looked at."""
+        """Run library code and discard its random draws: some properties draw when read."""
         globally = self._global_random
         with self._library():
             yield
@@ -195,7 +175,7 @@ class NevergradTuner(EpisodeTuner):
     def _tell_library(self, costs: np.ndarray) -> dict[str, float]:
         with self._library():
             for candidate, cost in zip(self._asked, costs, strict=True):
-                # Some optimisers learn from no point but their own: then not from a start.
+                # Some optimisers accept only points of their own, and so no start.
                 with suppress(TellNotAskedNotSupportedError):
                     self._optimizer.tell(candidate, float(cost))
         self._asked = []
@@ -224,7 +204,7 @@ class NevergradTuner(EpisodeTuner):
                 self._tell_library(item.copy())
 
     def describe(self) -> dict[str, Any]:
-        """Return the choices that a fair comparison must show."""
+        """See `Tuner.describe`."""
         return {
             "optimizer": str(self._optimizer.name),
             "library": f"nevergrad {ng.__version__}",
@@ -239,7 +219,7 @@ class NevergradTuner(EpisodeTuner):
 class Nevergrad(NevergradTuner):
     """The optimiser called `name` in Nevergrad's registry.
 
-    Some optimisers ignore an initial value, so baseline parameters are its first point as well.
+    Some optimisers ignore an initial value, so the baseline is also the first point evaluated.
     """
 
     def __init__(
@@ -247,23 +227,18 @@ class Nevergrad(NevergradTuner):
         problem: Problem,
         *,
         name: str = "TwoPointsDE",
-        start: Literal["random", "baseline", "middle"] = "random",
         initial_sigma: Positive | None = None,
         recommendation: Literal["library", "best_seen", "reevaluated"] = "library",
-        reevaluate_top: Count = 10,
-        reevaluate_fraction: Fraction = 0.1,
+        **options: Any,
     ) -> None:
         """
         Args:
             problem: What is tuned.
             name: A name in `nevergrad.optimizers.registry`.
-            start: The value that the optimiser starts from; some ignore it, but baseline parameters
-                are then evaluated first.
-            spread: Standard deviation of Nevergrad's mutations in the mapped box; None: the
-                library's.
-            recommendation: "library": the optimiser's own; or see `EpisodeTuner`.
-            reevaluate_top: See `EpisodeTuner`.
-            reevaluate_fraction: See `EpisodeTuner`.
+            initial_sigma: Standard deviation of Nevergrad's mutations in normalised coordinates;
+                None: the library's.
+            recommendation: "library": the optimiser's own; others: see `EpisodeTuner`.
+            options: Of `EpisodeTuner`; the optimiser's initial value is `start`.
 
         Raises:
             ConfigError: If there is no optimiser of that name, or see `NevergradTuner`.
@@ -271,15 +246,9 @@ class Nevergrad(NevergradTuner):
         registry = ng.optimizers.registry
         if name not in registry:
             raise ConfigError(f"unknown Nevergrad optimiser {name!r}; {suggest(name, registry)}")
-        super().__init__(
-            problem,
-            registry[name],
-            start=start,
-            initial_sigma=initial_sigma,
-            recommendation=recommendation,
-            reevaluate_top=reevaluate_top,
-            reevaluate_fraction=reevaluate_fraction,
-        )
+        self._factory = registry[name]
+        self._initial_sigma = LIBRARY_SIGMA if initial_sigma is None else initial_sigma
+        super().__init__(problem, recommendation=recommendation, **options)
 
     def _make(self) -> Optimizer:
         optimizer = super()._make()
@@ -288,5 +257,5 @@ class Nevergrad(NevergradTuner):
         return optimizer
 
     def describe(self) -> dict[str, Any]:
-        """Return the choices that a fair comparison must show."""
+        """See `Tuner.describe`."""
         return {**super().describe(), "initial_sigma": self._initial_sigma}

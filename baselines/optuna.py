@@ -18,7 +18,7 @@ from zoac.core.errors import ConfigError
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.state import OwnObject
 from zoac.core.tuner import Problem
-from zoac.core.types import Count, Fraction
+from zoac.core.types import Count
 from zoac.rollout.outcomes import Outcomes
 
 try:
@@ -30,8 +30,8 @@ except ImportError as error:
 class Optuna(EpisodeTuner):
     """A Gaussian process with a noise term, or a tree of Parzen estimators, in batches.
 
-    The history lies here, not in an Optuna study: each batch is asked of a study made of the
-    observations kept, with their costs transformed.
+    This class keeps the history. Each batch comes from a new Optuna study, which holds the kept
+    observations with transformed costs.
     """
 
     def __init__(
@@ -42,10 +42,8 @@ class Optuna(EpisodeTuner):
         initial_design: Count = 20,
         costs: Literal["normal_scores", "raw"] = "normal_scores",
         max_observations: Annotated[int, Field(ge=10)] | None = 500,
-        start: Literal["random", "baseline", "middle"] = "random",
         recommendation: Literal["best_seen", "reevaluated"] = "best_seen",
-        reevaluate_top: Count = 10,
-        reevaluate_fraction: Fraction = 0.1,
+        **options: Any,
     ) -> None:
         """
         Args:
@@ -57,28 +55,17 @@ class Optuna(EpisodeTuner):
                 few huge costs do not hide the differences of the others; or "raw" costs.
             max_observations: The model sees no more than these: the cheapest half and the most
                 recent half. None: all.
-            start: The first point.
-            recommendation: The library's own is "best_seen"; see `EpisodeTuner`.
-            reevaluate_top: See `EpisodeTuner`.
-            reevaluate_fraction: See `EpisodeTuner`.
-
-        Raises:
-            ConfigError: If `start` is "baseline" and the task has no baseline parameters.
+            recommendation: See `EpisodeTuner`; Optuna itself recommends "best_seen".
+            options: Of `EpisodeTuner`; the first point is `start`.
         """
-        super().__init__(
-            problem,
-            recommendation=recommendation,
-            reevaluate_top=reevaluate_top,
-            reevaluate_fraction=reevaluate_fraction,
-        )
+        super().__init__(problem, recommendation=recommendation, **options)
         self._options: dict[str, Any] = {
             "sampler": sampler,
             "initial_design": initial_design,
             "costs": costs,
             "max_observations": max_observations,
-            "start": start,
+            "start": self._start,
         }
-        self._first = self._starting_point(start)
         self._sampler = _sampler(sampler, initial_design, int(self._rng.integers(1, 2**32)))
         self._distributions = {p.name: _distribution(p) for p in problem.space.parameters}
         self._points = np.empty((0, problem.space.dimension))
@@ -98,7 +85,7 @@ class Optuna(EpisodeTuner):
         return points
 
     def _study(self) -> Any:
-        """Return a study of the observations kept, as the model shall see them."""
+        """Return a study of the kept observations with transformed costs."""
         study = optuna.create_study(sampler=self._sampler)
         costs = self._costs.prices(self._seen)
         kept = kept_observations(-costs, self._options["max_observations"])
@@ -123,9 +110,6 @@ class Optuna(EpisodeTuner):
         self._asked = []
         return {}
 
-    def _own_recommendation(self) -> np.ndarray | None:
-        return None
-
     def _own_state(self) -> Any:
         asked = [point.copy() for point in self._asked]
         return OwnObject(deepcopy(self._sampler)), self._points.copy(), self._seen.state(), asked
@@ -136,7 +120,7 @@ class Optuna(EpisodeTuner):
         self._seen = Outcomes(*seen)
 
     def describe(self) -> dict[str, Any]:
-        """Return the choices that a fair comparison must show."""
+        """See `Tuner.describe`."""
         return {
             "library": f"optuna {optuna.__version__}",
             **self._options,
@@ -146,7 +130,7 @@ class Optuna(EpisodeTuner):
 
 
 def _distribution(p: Parameter) -> Any:
-    """Return Optuna's own kind of parameter: real ones in the mapped box, discrete ones as such."""
+    """Return Optuna's distribution: normalised for real parameters, physical for discrete ones."""
     if p.kind == "choice":
         return optuna.distributions.CategoricalDistribution(range(len(p.options)))
     if p.kind == "integer":
@@ -155,7 +139,7 @@ def _distribution(p: Parameter) -> Any:
 
 
 def params_of(x: np.ndarray, space: ParameterSpace) -> dict[str, float | int]:
-    """Return a point (d,) of the mapped box as Optuna's parameters, options as positions."""
+    """Return a normalised point (d,) as Optuna's parameters, choices as positions."""
     values = space.values(x)
     params: dict[str, float | int] = {}
     for p, columns, value in zip(space.parameters, space.columns, values, strict=True):
@@ -167,7 +151,7 @@ def params_of(x: np.ndarray, space: ParameterSpace) -> dict[str, float | int]:
 
 
 def point_of(params: Mapping[str, float | int], space: ParameterSpace) -> np.ndarray:
-    """Return the rounded point (d,) of the mapped box that has Optuna's parameters."""
+    """Return the rounded normalised point (d,) of Optuna's parameters."""
     x = np.full(space.dimension, -1.0)
     for p, columns in zip(space.parameters, space.columns, strict=True):
         if p.kind == "choice":
@@ -188,7 +172,7 @@ def _sampler(kind: str, initial_design: int, seed: int) -> Any:
 
 
 def normal_scores(values: np.ndarray) -> np.ndarray:
-    """Return the standard normal quantiles (n,) of the ranks of `values` (n,); ties share one."""
+    """Return the standard normal quantiles (n,) of the ranks of `values` (n,); ties are equal."""
     return ndtri((rankdata(values) - 0.5) / max(len(values), 1))
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from zoac.baselines.episodes import EpisodeTuner
 from zoac.core.tuner import Problem
 from zoac.core.types import Count, Fraction
-from zoac.rollout.outcomes import Outcomes
 
 
 class RandomSearch(EpisodeTuner):
-    """Points drawn uniformly from the mapped box, one episode each."""
+    """Points drawn uniformly from the normalised box, one episode each."""
 
     def __init__(
         self,
@@ -26,6 +25,7 @@ class RandomSearch(EpisodeTuner):
         """See `EpisodeTuner` for the options."""
         super().__init__(
             problem,
+            start="middle",  # recommended until a cost is known; draws no random number
             recommendation=recommendation,
             reevaluate_top=reevaluate_top,
             reevaluate_fraction=reevaluate_fraction,
@@ -34,15 +34,3 @@ class RandomSearch(EpisodeTuner):
     def _draw(self) -> list[np.ndarray]:
         size = (self._problem.num_envs, self._problem.space.dimension)
         return list(self._rng.uniform(-1.0, 1.0, size))
-
-    def _learn(self, outcomes: Outcomes) -> dict[str, float]:
-        return {}
-
-    def _own_recommendation(self) -> np.ndarray | None:
-        return None
-
-    def _own_state(self) -> Any:
-        return None
-
-    def _own_restore(self, state: Any) -> None:
-        pass

@@ -128,7 +128,7 @@ def test_a_tuner_that_is_given_start_values_begins_there_or_says_that_it_only_co
     if recommendation == "best_seen" and "recommendation" in config:
         config["recommendation"] = recommendation
     takes_a_start = "start" in config
-    config |= {"start": "nominal"} if takes_a_start else {}
+    config |= {"start": "baseline"} if takes_a_start else {}
     tuner = build(config, "tuner", Tuner, problem=problem(start=START, baseline=START))
     told = baseline_use(config, SimpleNamespace(baseline={"a": 0.0}), Settings())["baseline values"]
     if not takes_a_start:
@@ -146,7 +146,7 @@ def test_a_tuner_that_is_not_told_to_begin_at_the_start_values_says_so(name):
     task = SimpleNamespace(baseline={"a": 0.0})
     told = baseline_use(tuner_config(name), task, Settings())["baseline values"]
     assert told.startswith("only compared, the search does not begin there")
-    assert baseline_use(tuner_config(name), SimpleNamespace(start=None), Settings()) == {}
+    assert baseline_use(tuner_config(name), SimpleNamespace(baseline=None), Settings()) == {}
 
 
 WHEN = {
