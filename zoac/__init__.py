@@ -47,11 +47,15 @@ register()
 if TYPE_CHECKING:
     from zoac.api import make_task as make_task
     from zoac.api import tune as tune
+    from zoac.core.errors import Interrupted as Interrupted
     from zoac.runs.result import Result as Result
     from zoac.runs.result import load_result as load_result
 
-__all__ = ["Result", "load_result", "make_task", "tune"]
-_HOMES = {"Result": "runs.result", "load_result": "runs.result", "make_task": "api", "tune": "api"}
+_HOMES = {
+    "Interrupted": "errors", "Result": "runs.result", "load_result": "runs.result", "make_task": "api",
+    "tune": "api",
+}  # fmt: skip
+__all__ = ["Interrupted", "Result", "load_result", "make_task", "tune"]
 
 
 def __getattr__(name: str) -> Any:

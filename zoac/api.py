@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from zoac.config import factory, fingerprint
 from zoac.config.compose import GROUPS, compose_config, resolved
-from zoac.core.errors import ConfigError, suggest
+from zoac.core.errors import ConfigError, Interrupted, suggest
 from zoac.core.measures import Constraint, Metric
 from zoac.core.parameters import ParameterSpace
 from zoac.core.types import is_number
@@ -133,6 +133,9 @@ def tune(
         quiet: Print nothing.
 
     Raises:
+        Interrupted: If Ctrl-C or a SIGTERM stopped the run, which ends after its iteration with a
+            checkpoint. The error's `result` is the recommendation so far; its message says how
+            the run goes on.
         ConfigError: If something given cannot be used.
         ControllerError: If the controller raises or returns what is not a finite action, and
             there is no `failure_penalty`.
@@ -204,7 +207,12 @@ def tune(
         quiet=quiet,
     )
     where = Path(folder or tempfile.mkdtemp(prefix="zoac-")).expanduser()
-    result = execute(run, where)
+    again = "the same call" if folder else f"the same call with folder={str(where)!r}"
+    try:
+        result = execute(run, where, again)
+    except Interrupted as stopped:
+        stopped.result = result_of(stopped.record, the_task.fixed, where, the_task)
+        raise
     if not isinstance(task, str) and not (where / TASK).exists():
         keep_task(the_task, where)
     return result_of(result, the_task.fixed, where, the_task)

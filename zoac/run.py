@@ -12,6 +12,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    # What follows takes a while to import: Ctrl-C comes before `main` can catch it.
+    import zoac.cli.pipes
+
+    signal.signal(signal.SIGINT, zoac.cli.pipes.leave)
+
 import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
@@ -22,7 +28,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from zoac.cli import sweep_report
 from zoac.cli.help import usage
-from zoac.cli.pipes import reader_may_leave
+from zoac.cli.pipes import leave, reader_may_leave
 from zoac.config.compose import (
     check_overrides,
     explain,
@@ -142,7 +148,7 @@ def overrides_of(arguments: Sequence[str]) -> list[str]:
 
 @reader_may_leave()
 def main() -> None:
-    """Run the command line; exits with 1 and one message on a user's error."""
+    """Run the command line; exits with 1 and one message on a user's error, with 130 on Ctrl-C."""
     arguments = with_whole_steps(multirun_first(sys.argv[1:]))
     if arguments in (["--help"], ["-h"]):
         print(usage(), end="")
@@ -155,6 +161,8 @@ def main() -> None:
         sys.path.insert(0, os.getcwd())
     gave_up = ""
     _composed.clear()
+    if signal.getsignal(signal.SIGINT) is leave:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         know_own_conf()
         overrides = overrides_of(arguments)
@@ -167,11 +175,11 @@ def main() -> None:
         sys.exit(f"error: {error}")
     except (HydraException, OmegaConfBaseException) as error:
         sys.exit(f"error: {explain(error, arguments)}")
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         told = (
             f"{sweep_report.report(Path(os.environ[_SWEEP]))[0]}\n" if _SWEEP in os.environ else ""
         )
-        print(f"{told}interrupted", file=sys.stderr)
+        print(f"{told}{str(stop) or 'interrupted'}", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
         raise

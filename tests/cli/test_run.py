@@ -1,6 +1,7 @@
 """The command line as a user types it."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -88,6 +89,9 @@ def test_an_unusable_runs_dir_is_named(tmp_path):
     assert "cannot make or use the run folder file/pid_acc" in done.stderr
 
 
+FOLDER = "runs/pid_acc/zoac/seed=0/variant=small"
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_stops_cleanly_and_the_same_command_ends_on_the_same_bits(tmp_path, number):
     (tmp_path / "a").mkdir()
@@ -98,7 +102,7 @@ def test_a_signal_stops_cleanly_and_the_same_command_ends_on_the_same_bits(tmp_p
         [sys.executable, "-m", "zoac.run", *command], cwd=tmp_path / "b", stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, text=True, env={"PYTHONPATH": str(ROOT), "HOME": str(tmp_path)},
     )  # fmt: skip
-    metrics = tmp_path / "b/runs/pid_acc/zoac/seed=0/variant=small/metrics.jsonl"
+    metrics = tmp_path / "b" / FOLDER / "metrics.jsonl"
     deadline = time.monotonic() + 300
     while not (metrics.exists() and metrics.stat().st_size) and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -106,8 +110,18 @@ def test_a_signal_stops_cleanly_and_the_same_command_ends_on_the_same_bits(tmp_p
     _, errors = process.communicate(timeout=300)
     assert process.returncode == 130
     assert "Traceback" not in errors
+    assert re.search(f"stopped after .* steps; the same command goes on from {FOLDER}", errors)
     assert zoac(*command, cwd=tmp_path / "b").returncode == 0
     assert result(tmp_path / "a")["x"] == result(tmp_path / "b")["x"]
+
+
+@pytest.mark.parametrize("module", ["hydra", "torch"])
+def test_a_signal_while_modules_are_imported_is_no_traceback(module, tmp_path):
+    (tmp_path / f"{module}.py").write_text(
+        "import os, time\nos.kill(os.getpid(), 2)\ntime.sleep(9)"
+    )
+    done = zoac(*SMALL, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
 def test_a_second_signal_stops_at_once(tmp_path):

@@ -1,4 +1,4 @@
-"""Standard output whose reader may leave before the end, or not know every letter."""
+"""How a command line ends and prints, whoever reads it and in whatever encoding."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 
 @contextmanager
@@ -28,3 +29,9 @@ def reader_may_leave() -> Iterator[None]:
         # Python flushes once more at its end; what is left goes nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+
+
+def leave(number: int, frame: Any) -> None:
+    """Exit as by Ctrl-C, without a traceback: the handler while a command line is imported."""
+    os.write(sys.stderr.fileno(), b"interrupted\n")
+    os._exit(130)

@@ -7,8 +7,12 @@ nearest valid choice.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from zoac.runs.result import Result
 
 
 class ZoacError(Exception):
@@ -45,6 +49,24 @@ class EnvironmentFailure(EnvironmentContractError):
 
 class NothingWorksError(ZoacError):
     """Every episode failed, so that there is nothing to tune on."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C or a SIGTERM stopped a run after an iteration; its checkpoint is written.
+
+    Args:
+        message: How the run goes on.
+        record: What is known so far, with keys of `result.json`.
+
+    Attributes:
+        result: The record as a result; of `zoac.tune` only.
+    """
+
+    result: Result
+
+    def __init__(self, message: str, record: Mapping[str, Any] | None = None) -> None:
+        super().__init__(message)
+        self.record = record or {}
 
 
 def suggest(name: str, choices: Iterable[str]) -> str:

@@ -108,8 +108,8 @@ class Worker:
         if env_states == CANNOT_BE_SAVED:
             raise WorkerError(
                 "a worker died, and its environments cannot be restored, because the "
-                "environment or controller cannot be saved. The same command goes on from the last "
-                "checkpoint, with new episodes"
+                "environment or controller cannot be saved. Started again in its folder, the run "
+                "goes on from its last checkpoint, with new episodes"
             )
         self._host.num_envs.restore(cloudpickle.loads(env_states))
 

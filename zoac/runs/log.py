@@ -127,5 +127,5 @@ def _writing(path: Path) -> Iterator[None]:
     except OSError as error:
         raise RunFolderError(
             f"cannot write {path}: {error.strerror}. What was written before is whole; once that "
-            "is mended, the same command goes on from the last checkpoint"
+            "is mended, the run goes on from its last checkpoint when it is started again there"
         ) from error

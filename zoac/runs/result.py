@@ -41,6 +41,8 @@ class Result:
         record: The content of `result.json`: metrics, violations, the gate's verdict, times.
         task: What was tuned; None if it is to be found again from the folder.
         trust_code: Whether that may load code that the folder names or holds.
+        finished: False after an interruption: `parameters` are then the recommendation so far, and
+            costs and metrics are those of the last evaluation before it.
     """
 
     parameters: dict[str, Any]
@@ -53,6 +55,7 @@ class Result:
     record: Mapping[str, Any] = field(repr=False)
     task: Task | None = field(default=None, repr=False)
     trust_code: bool = field(default=False, repr=False)
+    finished: bool = True
 
     @property
     def history(self) -> pd.DataFrame:
@@ -128,6 +131,7 @@ def result_of(
         record=record,
         task=task,
         trust_code=trust_code,
+        finished=record.get("finished", True),
     )
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from zoac.config import factory, fingerprint
 from zoac.config.settings import Settings
 from zoac.config.validate import TARGET, locate
-from zoac.core.errors import ConfigError, RunFolderError
+from zoac.core.errors import ConfigError, Interrupted, RunFolderError
 from zoac.core.tuner import Tuner
 from zoac.executors.base import Executor
 from zoac.loggers.base import Logger
@@ -34,7 +34,7 @@ from zoac.runs import schema
 from zoac.runs.lock import HeldError, locked
 from zoac.runs.log import RunLog
 from zoac.training.lifeline import is_cut
-from zoac.training.trainer import Interrupted, Trainer
+from zoac.training.trainer import Trainer
 
 PACKAGES = (
     "zoac", "numpy", "torch", "gymnasium", "hydra-core", "cvxpy", "clarabel", "numba", "nevergrad",
@@ -161,12 +161,17 @@ def run_session(
     return execute(run, run_folder(config, task, tuner))
 
 
-def execute(run: Run, folder: Path) -> dict[str, Any]:
+def execute(run: Run, folder: Path, again: str = "the same command") -> dict[str, Any]:
     """Carry out `run` in `folder`, by the `resume` of its config; return `result.json`'s content.
+
+    Args:
+        run: What it is made of.
+        folder: Its run folder.
+        again: What goes on with the run after it was stopped, in words.
 
     Raises:
         RunFolderError: If the folder holds another run, is damaged or in use.
-        KeyboardInterrupt: If a signal stopped the run; its checkpoint is written.
+        Interrupted: If a signal stopped the run; its checkpoint is written.
     """
     _make(folder)
     with _locked(folder):
@@ -190,9 +195,10 @@ def execute(run: Run, folder: Path) -> dict[str, Any]:
             # A caller's `np.seterr(all="raise")` is not for what zoac computes.
             with _stop_on_signal() as stop, np.errstate(all="warn", under="ignore"):
                 return Trainer(run.task, run.tuner, run.executor, run.settings, log, stop).run()
-        except Interrupted:
-            print(f"stopped; the same command goes on from {folder}", file=sys.stderr)
-            raise KeyboardInterrupt from None
+        except Interrupted as stopped:
+            by = "" if run.config["resume"] == "auto" else ", with resume=auto,"
+            message = f"{stopped}; {again}{by} goes on from {folder}"
+            raise Interrupted(message, stopped.record) from None
         finally:
             run.executor.close()
             log.close()

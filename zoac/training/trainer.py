@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from zoac.config.settings import Settings
-from zoac.core.errors import NothingWorksError, ZoacError
+from zoac.core.errors import Interrupted, NothingWorksError, ZoacError
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Segment
 from zoac.core.state import encode
@@ -50,10 +50,6 @@ class Progress:
     failures: int = 0
     first_failure: str | None = None
     log_bytes: int = field(default=0)
-
-
-class Interrupted(Exception):
-    """The run was asked to stop; its checkpoint is written."""
 
 
 class Trainer:
@@ -279,7 +275,22 @@ class Trainer:
             self._last_checkpoint = time.perf_counter()
             self.progress.checkpoint_seconds += self._last_checkpoint - begun
         if stop:
-            raise Interrupted
+            steps = self.progress.env_steps
+            raise Interrupted(f"stopped after {steps:,} steps", self._record_so_far())
+
+    def _record_so_far(self) -> dict[str, Any]:
+        """Return the present recommendation, and what was measured of the last evaluated one."""
+        x = self._recommended()
+        (*_, last) = (row for row in self._log.rows() if row["kind"] == "eval")
+        return {
+            **last,
+            "evaluated_after_steps": last["env_steps"],
+            "env_steps": self.progress.env_steps,
+            "parameters": self._task.space.named(x),
+            "x": x.tolist(),
+            "warnings": ["the run was stopped early: these parameters met no final episodes"],
+            "finished": False,
+        }
 
     def _state(self) -> dict[str, Any]:
         progress = asdict(self.progress)
