@@ -52,9 +52,12 @@ if TYPE_CHECKING:
     from zoac.runs.result import load_result as load_result
 
 _HOMES = {
-    "Interrupted": "errors", "Result": "runs.result", "load_result": "runs.result", "make_task": "api",
+    "Interrupted": "core.errors",
+    "Result": "runs.result",
+    "load_result": "runs.result",
+    "make_task": "api",
     "tune": "api",
-}  # fmt: skip
+}
 __all__ = ["Interrupted", "Result", "load_result", "make_task", "tune"]
 
 
