@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks.executors import steps_per_second
 from benchmarks.figures import FIGURES, pyplot, save
 from benchmarks.qp_solvers import LANES, closed_loop_problems
-from benchmarks.qp_ways import OURS, PEERS, Way, cpu_seconds, installed
+from benchmarks.qp_ways import PEERS, RICCATI, Way, cpu_seconds, installed
 from tests.mpc.problems import dense_problems
 from zoac.mpc.problem import LinearisedProblem
 from zoac.mpc.sqp import _PER_ENV, _take
@@ -117,7 +117,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="besides none")
     options = parser.parse_args()
     workers = [0, *options.workers]
-    ways = installed({name: make for name, make in {**OURS, **PEERS}.items() if name in SHOWN})
+    ways = installed({name: make for name, make in {**RICCATI, **PEERS}.items() if name in SHOWN})
     own = {name: ways[name] for name in SOLVERS}
     together = merge(closed_loop_problems(PROGRAMMES // LANES))
 

@@ -24,7 +24,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.qp_ways import OURS, PEERS, cpu_seconds, daqp, installed
+from benchmarks.qp_ways import PEERS, RICCATI, cpu_seconds, daqp, installed
 from tests.mpc.problems import box_points, tracking_problems
 from tests.riccati.oracle import (
     kkt_error,
@@ -70,7 +70,7 @@ def closed_loop_problems(count: int) -> list[LinearisedProblem]:
 
 def compare(count: int) -> None:
     """Print CPU time per programme of every solver, against riccati, and its errors."""
-    ways = installed({**OURS, **PEERS})
+    ways = installed({**RICCATI, **PEERS})
     seconds: dict[str, list[float]] = {name: [] for name in ways}
     errors: dict[str, list[np.ndarray]] = {name: [] for name in ways}
     recursions = []

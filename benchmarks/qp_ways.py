@@ -288,7 +288,7 @@ def our_way(make: Callable[[], Solver], robust: bool = False) -> Way:
     return prepare
 
 
-OURS = {
+RICCATI = {
     "riccati": partial(our_way, Riccati),
     "riccati, careful": partial(our_way, Riccati, robust=True),
     "clarabel": partial(our_way, ClarabelSolver),

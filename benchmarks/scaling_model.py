@@ -34,14 +34,14 @@ class Plant:
 
     Args:
         step: Seconds of one environment's environment step and control law.
-        spread: Standard deviation of a segment's duration over its mean, from simulators whose
+        std: Standard deviation of a segment's duration over its mean, from simulators whose
             steps take unequal time.
         together: Whether environments of one worker are stepped in one vectorised call that takes
             as long as one environment's step, instead of one after the other.
     """
 
     step: float
-    spread: float = 0.0
+    std: float = 0.0
     together: bool = False
 
 
@@ -92,9 +92,9 @@ def iteration_seconds(
         if workers:
             now += costs.message / 2 + costs.proposal * group * segments / 2
         durations = np.full((group, segments), mean)
-        if plant.spread:
-            # Gamma: positive, with the given spread; a simulator that stalls stalls for long.
-            durations = rng.gamma(plant.spread**-2, mean * plant.spread**2, durations.shape)
+        if plant.std:
+            # Gamma: positive, with the given std; a simulator that stalls stalls for long.
+            durations = rng.gamma(plant.std**-2, mean * plant.std**2, durations.shape)
         # Side by side: the slowest environment of each step counts. One after the other: they add
         # up.
         spent = durations.max(axis=0).sum() if plant.together else durations.sum()
@@ -124,9 +124,9 @@ def throughput(
     rng = np.random.default_rng(0)
     spent = sum(
         iteration_seconds(plant, costs, num_envs, workers, segment, segments, rng)
-        for _ in range(rounds if plant.spread else 1)
+        for _ in range(rounds if plant.std else 1)
     )
-    return (rounds if plant.spread else 1) * num_envs * segment * segments / spent
+    return (rounds if plant.std else 1) * num_envs * segment * segments / spent
 
 
 class SleepingVecEnv(ArrayVecEnv):
@@ -254,14 +254,14 @@ def draw(costs: Costs, folder: Path = FIGURES) -> None:
         xlabel="workers", ylabel="speed-up over one process", title="256 environments, equal steps"
     )
     axes[0].legend(title="one step takes", fontsize=7, title_fontsize=7)
-    for spread in (0.0, 0.2, 0.5, 1.0, 2.0):
-        plant = Plant(0.1, spread)
+    for std in (0.0, 0.2, 0.5, 1.0, 2.0):
+        plant = Plant(0.1, std)
         alone = throughput(plant, costs, 256, 0)
         ups = [throughput(plant, costs, 256, int(w)) / alone for w in counts]
-        axes[1].loglog(counts, ups, marker=".", label=f"{spread:g}")
+        axes[1].loglog(counts, ups, marker=".", label=f"{std:g}")
     axes[1].loglog(counts, counts, color="0.6", linestyle=":")
     axes[1].set(xlabel="workers", title="256 environments, 0.1 s a step, unequal segments")
-    axes[1].legend(title="spread of a segment", fontsize=7, title_fontsize=7)
+    axes[1].legend(title="std of a segment", fontsize=7, title_fontsize=7)
     save(figure, folder / "scaling_workers.svg")
 
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")

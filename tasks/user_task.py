@@ -161,7 +161,7 @@ def user_task(
     if max_episode_steps is not None and not _is_count(max_episode_steps):
         raise ConfigError(
             f"max_episode_steps={max_episode_steps!r}: expected 1 or more, a whole number, at most "
-            f"{LONGEST:,}"
+            f"{MAX_STEPS:,}"
         )
     for what, numbers in (("plant", plant), ("vary", vary)):
         if not isinstance(numbers, Mapping | None):
@@ -197,12 +197,12 @@ def user_task(
     return task
 
 
-LONGEST = 10_000_000
+MAX_STEPS = 10_000_000
 """Steps of an episode that a user may ask for."""
 
 
 def _is_count(value: Any) -> bool:
-    return is_number(value) and value % 1 == 0 and 1 <= value <= LONGEST
+    return is_number(value) and value % 1 == 0 and 1 <= value <= MAX_STEPS
 
 
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")

@@ -126,7 +126,7 @@ def determinism(task: Task) -> Found:
 
 
 def env_state(task: Task) -> Found:
-    """An environment that is saved and put back goes on as it would have."""
+    """A restored environment goes on as it would have."""
     fault = task.save_fault
     return fault is None, fault or "goes on to the same bits"
 

@@ -174,7 +174,7 @@ def test_winner_and_averages_meet_in_the_final_selection_on_common_episodes():
     group = engine(CountingTask(), range(4))
     spent_by(tuner, group, lambda t: t._in_selection)
     batch = group.rollout(tuner.ask())
-    assert len(batch) == 4  # the winner of the race and three averages
+    assert len(batch) == 4  # the best of successive halving and three averages
     assert len({tuple(segment.observations[0]) for segment in batch}) == 1
     assert np.array_equal(batch[-1].proposal.x, tuner._average)
     assert not np.array_equal(tuner._average, tuner._theta)
@@ -278,7 +278,7 @@ def test_perturbation_and_step_shrink_with_terminations_and_come_back():
         segments = group.rollout(tuner.ask())
         assert len(segments) == 16
         tuner.tell(ended(segments, terminated))
-        assert tuner.step_size / 0.03 == pytest.approx(tuner._safety)
+        assert tuner.step_size / 0.03 == pytest.approx(tuner._shrinkage)
         tuner.ask()
         return tuner._sigma
 

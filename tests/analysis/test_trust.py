@@ -17,8 +17,8 @@ from tests.analysis.folders import NOMINAL, PID, write_run
 from tests.support import Traps
 from zoac.config.compose import compose_config, resolved
 from zoac.core.errors import RunFolderError
+from zoac.runs.foreign_code import foreign_code
 from zoac.runs.result import task_of_run
-from zoac.runs.trust import foreign_code
 
 ROOT = Path(__file__).parents[2]
 COMMANDS = sorted(p.stem for p in (ROOT / "analysis").glob("*.py") if "def main(" in p.read_text())

@@ -298,7 +298,9 @@ def test_the_console_tells_the_acceptance_tests_verdict_and_broken_constraints(c
         if result.record["acceptance_test"]["accepted"]
         else "no better was found"
     )
-    assert re.search(rf"gate: {verdict}.* the baseline values, \d+ pairs of episodes", out)
+    assert re.search(
+        rf"acceptance test: {verdict}.* the baseline values, \d+ pairs of episodes", out
+    )
     assert re.search(r"WARNING: The constraint never is broken in (\d+) of \1 final episodes", out)
 
 

@@ -79,7 +79,7 @@ def test_a_worker_whose_environments_cannot_be_restored_is_not_replaced_in_silen
     processes.start(support.LockedTask(), 2, seed=0)
     processes.rollout([support.proposal(0, horizon=4)])
     os.kill(processes._workers[0]._process.pid, signal.SIGKILL)
-    with pytest.raises(WorkerError, match="cannot be put back .* last checkpoint, with new"):
+    with pytest.raises(WorkerError, match="cannot be restored.* last checkpoint, with new"):
         processes.rollout([support.proposal(0, horizon=4)])
 
 

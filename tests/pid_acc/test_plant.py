@@ -90,7 +90,7 @@ def test_demonstration_profile_is_that_of_figure_5():
 def test_demonstration_is_an_option_of_reset():
     env = make_single()
     env.reset(options={"demonstration": True})
-    assert np.array_equal(env.num_envs.arrays["preceding"][0], demonstration_profile(1020))
+    assert np.array_equal(env.vec_env.arrays["preceding"][0], demonstration_profile(1020))
 
 
 def test_gymnasiums_checker_is_content():

@@ -93,7 +93,7 @@ def test_an_environment_that_raised_is_made_anew_and_one_that_did_not_is_kept():
 
 
 @WAYS
-@pytest.mark.parametrize("kind", [{}, {"horizon": 4}, {"branch": True}, {"seed": 3}])
+@pytest.mark.parametrize("kind", [{}, {"horizon": 4}, {"restore": True}, {"seed": 3}])
 def test_processes_company_and_a_resume_give_the_same_bits(way, kind):
     first = [at(k, env_index, **kind) for k in (0.9, 0.7) for env_index in (0, 1)]
     then = [at(k, env_index) for k in (0.1, 0.8, 0.2) for env_index in (0, 1)]
@@ -137,7 +137,7 @@ class Stubborn(Drift):
         return super().reset(**options)
 
 
-@pytest.mark.parametrize("kind", [{}, {"branch": True}])
+@pytest.mark.parametrize("kind", [{}, {"restore": True}])
 def test_a_reset_that_fails_costs_one_step(kind):
     made = user_task(env=Stubborn, controller=push, space={"k": (0, 1)}, max_episode_steps=3)
     made.failure_penalty = 50.0

@@ -53,7 +53,8 @@ def value_targets(deltas: np.ndarray, values: np.ndarray, decay: float) -> np.nd
 def pieces(segments: Sequence[Segment]) -> Iterable[list[int]]:
     """Yield lists of indices of segments that follow each other in one environment and one episode.
 
-    A branch is a piece of its own: what the environment did next does not follow from it.
+    A segment after which the environment was restored stands by itself: what the environment did
+    next does not follow from it.
     """
     chains: dict[int, list[int]] = {}
     for index, segment in enumerate(segments):

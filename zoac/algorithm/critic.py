@@ -151,7 +151,7 @@ class Critic:
 
     @_own_settings()
     def restore(self, state: dict[str, Any]) -> None:
-        """Put back what `state` returned."""
+        """Restore what `state` returned."""
         self._weights.copy_(torch.from_numpy(state["weights"]))
         adam = {name: torch.from_numpy(value.copy()) for name, value in state["adam"].items()}
         self._adam.state[self._weights] = adam

@@ -229,7 +229,7 @@ class Zoac(Tuner):
         }
 
     def restore(self, state: Any) -> None:
-        """Put back what `state` returned."""
+        """Restore what `state` returned."""
         self._rng.bit_generator.state = state["rng"]
         self._critic.restore(state["critic"])
         self._critic_loss = state["critic_loss"]

@@ -1,6 +1,6 @@
-"""ZOAC with what measurably helps: a race for the start, paired segments, finals.
+"""ZOAC with successive halving for the start, paired segments and a final selection.
 
-Not the paper's method, which `zoac.algorithm.zoac` keeps as published. `docs/beyond.md` tells what
+Not the paper's method, which `zoac.algorithm.zoac` keeps as published. `docs/beyond.md` shows what
 each part brings.
 """
 
@@ -24,18 +24,18 @@ SHRINK, RECOVER = 0.5, 1.05
 
 
 class ZoacPlus(Zoac):
-    """Zeroth-order actor-critic on pairs of branches, from the winner of a race.
+    """Zeroth-order actor-critic on pairs of segments, from a start found by successive halving.
 
-    An environment runs N steps with theta + sigma epsilon, is put back to where it stood, and runs
-    N steps with theta - sigma epsilon; the direction counts by half the difference of the two
-    advantages. Start, disturbances and most of what the critic does not know are common to both and
-    cancel. Both branches count as environment steps, and so do race and finals.
+    An environment runs N steps with theta + sigma epsilon, is restored, and runs N steps with
+    theta - sigma epsilon. The direction counts by half the difference of the two advantages. Start,
+    disturbances and most of the critic's error are common to both segments and cancel. Every
+    segment counts as environment steps, and so do successive halving and final selection.
 
-    Perturbation and step stay as they are. The last part of the budget decides on common held-out
-    episodes between the winner of the race, averages of the iterates and the baseline, if any.
+    Perturbation and step size are those of ZOAC. The last fraction of the budget decides on common
+    held-out episodes between the start, averages of the iterates and the baseline, if any.
 
-    Where an environment cannot be put back (`Problem.supports_snapshots`), directions are run one
-    way, and race and finals on the environments' own episodes.
+    Where an environment cannot be restored (`Problem.supports_snapshots`), directions run one way,
+    and successive halving and final selection use the environments' own episodes.
     """
 
     def __init__(
@@ -55,23 +55,23 @@ class ZoacPlus(Zoac):
         Args:
             problem: What is tuned.
             paired: Run every direction both ways from the same state.
-            halving_fraction: Part of the budget for finding a start; 0 starts as `start` says.
-            halving_rounds: Rounds of the race, with horizons that grow to a whole episode.
-            halving_survivors: Part of each round's field that the last round's best make up; the
-                rest are their children. Few survivors suit few parameters; None: by their number.
-            selection_fraction: Part of the budget for held-out episodes on which the recommendation
-                is chosen; 0 recommends as `recommend` says.
-            selection_candidates: Averages of the iterates that meet the winner of the race there,
-                taken at equal distances.
-            max_termination_rate: Part of an iteration's segments that may end in termination;
-                above it perturbation and step shrink, below it they come back. None: any. For
-                careful tuning from known gains: no race, which tries the whole box.
+            halving_fraction: Of the budget, for finding a start; 0 starts as `start` says.
+            halving_rounds: Rounds of successive halving, with horizons that grow to an episode.
+            halving_survivors: Which fraction of a round are the last round's best; the rest are
+                their offspring. Few survivors suit few parameters; None: by their number.
+            selection_fraction: Of the budget, for held-out episodes on which the recommendation is
+                chosen; 0 recommends as `recommend` says.
+            selection_candidates: Averages of the iterates among the candidates, taken at equal
+                distances.
+            max_termination_rate: Fraction of an iteration's segments that may terminate. Above it
+                perturbation and step shrink, below it they grow back. None: any. For safe
+                exploration from known gains, with halving_fraction=0: halving tries the whole box.
             options: Those of `Zoac`.
         """
         super().__init__(problem, **options)
-        self._widest = self._sigma
+        self._full_sigma = self._sigma
         self._paired = paired and problem.supports_snapshots
-        self._max_termination_rate, self._safety = max_termination_rate, 1.0
+        self._max_termination_rate, self._shrinkage = max_termination_rate, 1.0
         self._halving = SuccessiveHalving(
             problem,
             self._rng,
@@ -83,21 +83,21 @@ class ZoacPlus(Zoac):
         self._selection = HeldOut(problem, "finals", seeded=problem.supports_snapshots)
         if self._halving.over:
             self._selection.enter(self._theta)
-        self._entries, self._entered = selection_candidates, 0
+        self._averages, self._entered = selection_candidates, 0
         self._spent, self._search_from = 0, 0
         self._search_to = problem.budget * (1.0 - selection_fraction)
         self._halving_fraction, self._selection_fraction = halving_fraction, selection_fraction
 
     @property
     def progress(self) -> float:
-        """How far between race and finals, from 0 to 1."""
+        """How far between successive halving and final selection, from 0 to 1."""
         whole = max(1.0, self._search_to - self._search_from)
         return min(1.0, (self._spent - self._search_from) / whole)
 
     @property
     def step_size(self) -> float:
-        """Shrinks with terminations, if so told."""
-        return self._safety * super().step_size
+        """ZOAC's step size, smaller after many terminations if `max_termination_rate` is set."""
+        return self._shrinkage * super().step_size
 
     @property
     def _in_selection(self) -> bool:
@@ -110,29 +110,29 @@ class ZoacPlus(Zoac):
         return self._selection.begun or self._spent >= self._search_to or few
 
     def ask(self) -> list[Proposal]:
-        """Return the race's next round, then pairs of segments, then the finals' episodes."""
+        """Return rounds of successive halving, then pairs of segments, then held-out episodes."""
         if not self._halving.over:
             return self._halving.ask()
         if self._in_selection:
             if not self._selection.begun:
                 self._selection.enter_baseline()
             return self._selection.ask_within(self._problem.budget - self._spent)
-        self._sigma = self._safety * self._widest
+        self._sigma = self._shrinkage * self._full_sigma
         return super().ask()
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
-        """Hand what came back to the part that asked for it."""
+        """Pass what came back to the part that asked for it."""
         steps = sum(segment.length for segment in segments)
         if not self._halving.over:
             self._spent += steps
             return self._tell_halving(segments)
         if self._in_selection:
             self._spent += steps
-            return self._tell_finals(segments)
+            return self._tell_selection(segments)
         numbers = super().tell(segments)
         self._spent += steps
         self._adapt_to_terminations(segments)
-        while self._entered + 1 <= self._entries * self.progress + 1e-9:
+        while self._entered + 1 <= self._averages * self.progress + 1e-9:
             self._entered += 1
             self._selection.enter(self._average)
         return {**numbers, "sigma": self._sigma}
@@ -141,9 +141,9 @@ class ZoacPlus(Zoac):
         if self._max_termination_rate is None:
             return
         if np.mean([segment.terminated for segment in segments]) > self._max_termination_rate:
-            self._safety *= SHRINK
+            self._shrinkage *= SHRINK
         else:
-            self._safety = min(1.0, self._safety * RECOVER)
+            self._shrinkage = min(1.0, self._shrinkage * RECOVER)
 
     def _tell_halving(self, segments: Sequence[Segment]) -> dict[str, float]:
         numbers = self._halving.tell(segments)
@@ -154,7 +154,7 @@ class ZoacPlus(Zoac):
             self._selection.enter(self._theta)
         return numbers
 
-    def _tell_finals(self, segments: Sequence[Segment]) -> dict[str, float]:
+    def _tell_selection(self, segments: Sequence[Segment]) -> dict[str, float]:
         self._selection.tell(segments)
         best = int(self._selection.ranking[0])
         cost = float(self._selection.costs[:, best].mean())
@@ -172,44 +172,46 @@ class ZoacPlus(Zoac):
 
     def _weights(self, advantages: np.ndarray) -> np.ndarray:
         if self._paired:
-            # Half the difference of the two branches: an estimate along epsilon, as eq. (10).
+            # Half the difference of the two segments: an estimate along epsilon, as eq. (10).
             advantages = (advantages[0::2] - advantages[1::2]) / 2
         return super()._weights(advantages)
 
     def recommend(self) -> np.ndarray:
-        """Return who leads the finals; before them, the race's leader or the average."""
+        """Return the best candidate; before the final selection, as `Zoac.recommend`."""
         return self._selection.best if self._selection.begun else super().recommend()
 
     def state(self) -> dict[str, Any]:
         """Return everything that lasts between iterations."""
         return {
             **super().state(),
-            "race": self._halving.state(),
-            "finals": self._selection.state(),
+            "halving": self._halving.state(),
+            "selection": self._selection.state(),
             "progress": (self._spent, self._search_from, self._entered),
-            "caution": self._safety,
+            "shrinkage": self._shrinkage,
         }
 
     def restore(self, state: Any) -> None:
-        """Put back what `state` returned."""
+        """Restore what `state` returned."""
         super().restore(state)
-        self._halving.restore(state["race"])
-        self._selection.restore(state["finals"])
+        self._halving.restore(state["halving"])
+        self._selection.restore(state["selection"])
         self._spent, self._search_from, self._entered = state["progress"]
-        self._safety = state["caution"]
+        self._shrinkage = state["shrinkage"]
 
     def describe(self) -> dict[str, Any]:
         """Return the choices that a comparison must show."""
         choices = super().describe()
         if self._halving_fraction:
             among = ", the baseline values take part" if self._start == "baseline" else ""
-            choices["start"] = f"race, {self._halving_fraction:.0%} of the budget{among}"
+            choices["start"] = (
+                f"successive halving, {self._halving_fraction:.0%} of the budget{among}"
+            )
         if self._paired:
-            choices["noise_model"] = f"paired branches; {choices['noise_model']}"
+            choices["noise_model"] = f"paired segments; {choices['noise_model']}"
         if self._selection_fraction:
             baseline = "" if self._problem.baseline is None else " and the baseline values"
             choices["recommendation"] = (
-                f"best of {self._entries + 1}{baseline} on common held-out episodes, "
+                f"best of {self._averages + 1}{baseline} on common held-out episodes, "
                 f"{self._selection_fraction:.0%} of the budget"
             )
         return choices

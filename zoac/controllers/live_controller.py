@@ -1,4 +1,4 @@
-"""A controller object that changes in place: one in each environment, saved where it must be."""
+"""A user's controller object that changes in place, one for each environment."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class LiveController:
         return OwnObject(copy.deepcopy(lasts))
 
     def restore(self, state: OwnObject | None) -> None:
-        """Put back what `state` returned; it is not copied again."""
+        """Restore what `state` returned; it is not copied again."""
         self._begins = state is None
         if state is None:
             return

@@ -32,7 +32,7 @@ class ControllerError(ZoacError):
 
 
 class UnsavableError(ZoacError):
-    """Something cannot be saved: what a checkpoint cannot hold, or what cannot be put back."""
+    """Something cannot be saved: a checkpoint cannot hold it, or it cannot be restored."""
 
 
 class WorkerError(ZoacError):

@@ -19,14 +19,13 @@ class Proposal:
 
     Args:
         x: Mapped parameters (d,); clipped to [-1, 1] where they are mapped.
-        environment: The environment that runs it. An environment runs its proposals in the order
+        env_index: The environment that runs it. An environment runs its proposals in the order
             given.
-        horizon: Steps to run on from where the environment stands, fewer if the episode ends; None:
+        horizon: Steps to run from the environment's present state, fewer if the episode ends; None:
             one whole episode, from its start.
-        branch: Run, then put the environment back where it stood before.
+        restore: Run, then restore the environment to its state before.
         seed: Begin a new episode from this seed (evaluation, common random numbers). The
-            environment is put back afterwards, as after a branch, so its own random stream is not
-            touched.
+            environment is restored afterwards, so its own random stream is not touched.
     """
 
     x: np.ndarray

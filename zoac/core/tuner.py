@@ -21,13 +21,13 @@ class Problem:
     Args:
         space: The parameters; a tuner searches the mapped box [-1, 1]^d.
         observation_size: Length o of an observation.
-        environments: Number of environments n that roll out side by side.
+        num_envs: Number of environments n that roll out side by side.
         budget: Environment steps that the run will give to tuning.
         max_episode_steps: An episode's time limit.
         seed: The run's seed.
         start: Mapped reference parameters (d,), for tasks that have them.
-        branches: Environments can run on and be put back to where they stood.
-        baseline: Mapped parameters (d,) of today's controller, a candidate of every final choice.
+        supports_snapshots: Whether environments can be restored to an earlier state.
+        baseline: Mapped parameters (d,) of the baseline, a candidate of every final selection.
     """
 
     space: ParameterSpace
@@ -46,7 +46,7 @@ class Problem:
 
 
 class Tuner(ABC):
-    """Ask, tell, recommend; and a state that can be saved and put back exactly.
+    """Ask, tell, recommend; and a state that can be saved and restored exactly.
 
     A tuner's constructor takes the `Problem` first and its options, all by keyword, after it.
     """
@@ -63,7 +63,7 @@ class Tuner(ABC):
         """
 
     def background_update(self) -> None:  # noqa: B027 (most tuners have nothing to do)
-        """Do now what only the next `tell` needs: called while rollouts run elsewhere.
+        """Do work that only the next `tell` needs; called while rollouts run elsewhere.
 
         It may be called often or never, anywhere between `ask` and `tell`: `tell` and `state` must
         do themselves what is still to be done, so that the numbers are the same.
@@ -86,7 +86,7 @@ class Tuner(ABC):
 
     @abstractmethod
     def restore(self, state: Any) -> None:
-        """Put back what `state` returned; afterwards the tuner goes on to the same bits."""
+        """Restore what `state` returned; afterwards the tuner goes on to the same bits."""
 
     def outcome(self) -> dict[str, Any]:
         """Return what `result.json` must say beside the parameters, by name."""

@@ -1,7 +1,7 @@
-"""Environments stepped as environments: the base class of the built-in, vectorised environments.
+"""Vectorised environments: the base classes of the built-in ones and of the Gymnasium adapter.
 
-An environment owns its state (rows of arrays) and its random stream, so it can be saved, put back,
-and moved to another process without touching its neighbours.
+Each of the environments side by side owns its state (rows of arrays) and its random stream, so it
+can be saved, restored and moved to another process without touching the others.
 """
 
 from __future__ import annotations
@@ -84,9 +84,9 @@ class VecEnv(VectorEnv, ABC):
         Returns:
             Observations (n, o), rewards (n,) = -cost, terminated (n,), truncated (n,), and
             infos with `cost` (n,). An environment that stood still reports cost 0 and no end. Infos
-            may hold `failures`, environment -> `zoac.core.errors.EnvironmentFailure`, as those of
-            `reset` may; and
-            `actions` (n, m) as they were applied, where that is not as they were given.
+            of `step` and `reset` may hold `failures`, env_index ->
+            `zoac.core.errors.EnvironmentFailure`; those of `step` `actions` (n, m) as applied,
+            where they differ from those given.
         """
 
     @abstractmethod
@@ -104,9 +104,8 @@ class ArrayVecEnv(VecEnv):
     A subclass keeps everything that lasts in `self.arrays` (name -> array with one row per
     environment), fills an environment's rows in `_start` and advances all rows in `_advance`. It
     must draw random numbers in `_start` only, and compute each environment from that environment's
-    rows alone: so the same environment gives the same bits in any batch. One with render modes also
-    defines
-    `_frame(environment)`, which returns a picture (height, width, 3) uint8.
+    rows alone, so that it gives the same bits in any batch. One with render modes also defines
+    `_frame(env_index)`, which returns a picture (height, width, 3) uint8.
     """
 
     _frame: Callable[[int], np.ndarray]
@@ -230,30 +229,27 @@ class SingleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
 
-    def __init__(self, env_indices: VecEnv) -> None:
+    def __init__(self, vec_env: VecEnv) -> None:
         """
         Args:
-            environments: A vectorised environment with one environment, which this object then
-                owns.
+            vec_env: A vectorised environment with `num_envs=1`, which this object then owns.
         """
-        self.num_envs = env_indices
-        self.observation_space = env_indices.single_observation_space
-        self.action_space = env_indices.single_action_space
-        self.render_mode = env_indices.render_mode
+        self.vec_env = vec_env
+        self.observation_space = vec_env.single_observation_space
+        self.action_space = vec_env.single_action_space
+        self.render_mode = vec_env.render_mode
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin an episode; see `VecEnv.reset`."""
         super().reset(seed=seed)
-        observations, _ = self.num_envs.reset(
-            seed=None if seed is None else [seed], options=options
-        )
+        observations, _ = self.vec_env.reset(seed=None if seed is None else [seed], options=options)
         return observations[0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance by one step; `info["cost"]` carries the cost, the reward is its negative."""
-        observations, rewards, terminated, truncated, infos = self.num_envs.step(
+        observations, rewards, terminated, truncated, infos = self.vec_env.step(
             np.asarray(action, dtype=np.float64)[None]
         )
         info = {"cost": float(infos["cost"][0])}
@@ -267,9 +263,9 @@ class SingleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def render(self) -> Any:
         """Return the environment's picture (height, width, 3) uint8, if made with `rgb_array`."""
-        frames = self.num_envs.render()
+        frames = self.vec_env.render()
         return None if frames is None else frames[0]
 
     def close(self) -> None:
         """Release what the environment holds."""
-        self.num_envs.close()
+        self.vec_env.close()

@@ -1,4 +1,4 @@
-"""A user's own single-environment environment, as environments."""
+"""A user's own `gymnasium.Env` as a vectorised environment: n copies, stepped in turn."""
 
 from __future__ import annotations
 
@@ -34,10 +34,7 @@ MAX_EPISODE_STEPS = 10_000
 
 
 class GymnasiumVecEnv(VecEnv):
-    """n copies of a `gymnasium.Env`, stepped one after the other.
-
-    An environment is saved by a deep copy of its environment.
-    """
+    """n copies of a `gymnasium.Env`, stepped one after the other and saved by deep copies."""
 
     def __init__(
         self,
@@ -50,7 +47,7 @@ class GymnasiumVecEnv(VecEnv):
     ) -> None:
         """
         Args:
-            envs: One environment an environment.
+            envs: The copies.
             max_episode_steps: Cut episodes here; None: where the environment's own limit does. An
                 environment without either must end by itself within `MAX_EPISODE_STEPS` steps.
             plant: Attributes of the innermost environment, and the numbers they are set to before
@@ -107,8 +104,8 @@ class GymnasiumVecEnv(VecEnv):
                 another.
             EnvironmentContractError: If it breaks the rules of Gymnasium's interface.
 
-        An environment whose environment raises, or whose observation is not finite, stands among
-        the infos' `failures`, environment -> `EnvironmentFailure`.
+        Infos name each environment that raised or gave an observation that is not finite in
+        `failures`, env_index -> `EnvironmentFailure`.
         """
         failures: dict[int, EnvironmentFailure] = {}
         options = dict(options or {})
@@ -146,9 +143,8 @@ class GymnasiumVecEnv(VecEnv):
             ConfigError: If an episode that nothing limits does not end.
             EnvironmentContractError: If the environment breaks the rules of Gymnasium's interface.
 
-        An environment whose environment raises, or whose observation or cost is not finite, stands
-        among the infos' `failures`, environment -> `EnvironmentFailure`, and reports cost 0 and no
-        end.
+        Infos name each environment that raised, or gave an observation or a cost that is not
+        finite, in `failures`, env_index -> `EnvironmentFailure`; it reports cost 0 and no end.
         """
         n = self.num_envs
         failures: dict[int, EnvironmentFailure] = {}
@@ -375,7 +371,7 @@ def _parts(result: Any, method: str, expected: tuple[str, ...]) -> tuple[Any, ..
 
 
 def single_env(source: EnvSource) -> gymnasium.Env:
-    """Return an environment of its own from what a user gives.
+    """Make an environment from what a user gives; an object is copied.
 
     Raises:
         ConfigError: If it cannot be made, or is no `gymnasium.Env`.

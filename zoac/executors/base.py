@@ -13,20 +13,19 @@ from zoac.rollout.task import Task
 
 
 def nothing() -> None:
-    """What is done meanwhile unless told otherwise."""
+    """The default background update: none."""
 
 
 class Executor(ABC):
     """Runs proposals in environments. The numbers do not depend on which executor, or how many
     workers.
 
-    An executor that waits for others calls `background_update` once in that time; it may leave it
-    out.
+    An executor that waits for other processes calls `background_update` once in that time.
     """
 
     @abstractmethod
-    def start(self, task: Task, env_indices: int, seed: int) -> None:
-        """Make `environments` environments of `task`, with random streams from the run's `seed`."""
+    def start(self, task: Task, num_envs: int, seed: int) -> None:
+        """Make `num_envs` environments of `task`, with random streams from the run's `seed`."""
 
     @abstractmethod
     def rollout(
@@ -38,7 +37,7 @@ class Executor(ABC):
     def evaluate(
         self, proposals: Sequence[Proposal], background_update: Callable[[], None] = nothing
     ) -> list[Segment]:
-        """Run seeded proposals in environments of their own, apart from those of tuning."""
+        """Run seeded proposals in evaluation environments, apart from those of tuning."""
 
     @abstractmethod
     def state(self) -> dict[int, Any]:
@@ -46,7 +45,7 @@ class Executor(ABC):
 
     @abstractmethod
     def restore(self, state: Mapping[int, Any]) -> None:
-        """Put back what `state` returned, whichever executor it came from."""
+        """Restore what `state` returned, whichever executor it came from."""
 
     @property
     def worker_seconds(self) -> float:
@@ -62,7 +61,7 @@ class RolloutHost:
 
     def __init__(self, task: Task, env_indices: Sequence[int], seed: int) -> None:
         self._task = task
-        self.num_envs = RolloutEngine(
+        self.engine = RolloutEngine(
             task, env_indices, [stream_seed(seed, "lane", env_index) for env_index in env_indices]
         )
         self._evaluation: dict[int, RolloutEngine] = {}
@@ -78,22 +77,22 @@ class RolloutHost:
 
     def close(self) -> None:
         """Release all environments."""
-        for group in (self.num_envs, *self._evaluation.values()):
+        for group in (self.engine, *self._evaluation.values()):
             group.close()
 
 
 class Serial(Executor):
     """All environments in this process, stepped side by side."""
 
-    def start(self, task: Task, env_indices: int, seed: int) -> None:
+    def start(self, task: Task, num_envs: int, seed: int) -> None:
         """See `Executor.start`."""
-        self._host = RolloutHost(task, range(env_indices), seed)
+        self._host = RolloutHost(task, range(num_envs), seed)
 
     def rollout(
         self, proposals: Sequence[Proposal], background_update: Callable[[], None] = nothing
     ) -> list[Segment]:
         """See `Executor.rollout`."""
-        return self._host.num_envs.rollout(proposals)
+        return self._host.engine.rollout(proposals)
 
     def evaluate(
         self, proposals: Sequence[Proposal], background_update: Callable[[], None] = nothing
@@ -103,11 +102,11 @@ class Serial(Executor):
 
     def state(self) -> dict[int, Any]:
         """See `Executor.state`."""
-        return self._host.num_envs.state()
+        return self._host.engine.state()
 
     def restore(self, state: Mapping[int, Any]) -> None:
         """See `Executor.restore`."""
-        self._host.num_envs.restore(state)
+        self._host.engine.restore(state)
 
     def close(self) -> None:
         """See `Executor.close`."""

@@ -21,14 +21,17 @@ class Handle(ABC):
     Making a handle begins to start its worker; `ready` waits for it.
 
     Args:
-        environments: Ids of the worker's tuning environments.
+        env_indices: Of the worker's tuning environments.
     """
 
     def __init__(self, env_indices: list[int]) -> None:
-        self.num_envs = env_indices
+        self.env_indices = env_indices
         # `zoac.executors.worker.saved` after the environments' last request; None: they are at
         # their beginning.
         self.env_states: bytes | None = None
+
+    def __str__(self) -> str:
+        return f"environments {self.env_indices[0]} to {self.env_indices[-1]}"
 
     @abstractmethod
     def ready(self) -> None:
@@ -68,8 +71,8 @@ class Handle(ABC):
 class Pool(Executor):
     """Groups of neighbouring environments, each at a worker of its own.
 
-    A worker that dies is replaced, put back to where its environments stood, and its work redone.
-    Where the environments cannot be saved the run ends with a message instead.
+    A worker that dies is replaced, its environments are restored, and its work is redone. Where
+    they cannot be saved, the run ends with a message instead.
     """
 
     def __init__(self) -> None:
@@ -79,16 +82,16 @@ class Pool(Executor):
     def _launch(self, task: Task, env_indices: list[int], seed: int) -> Handle:
         """Begin to start a worker for a group of environments."""
 
-    def _start_workers(self, task: Task, env_indices: int, seed: int, workers: int) -> None:
+    def _start_workers(self, task: Task, num_envs: int, seed: int, workers: int) -> None:
         """Begin to start workers, one for each group of environments; where one fails, end all."""
         self._workers = []
         try:
-            for part in np.array_split(np.arange(env_indices), min(workers, env_indices)):
+            for part in np.array_split(np.arange(num_envs), min(workers, num_envs)):
                 self._workers.append(self._launch(task, part.tolist(), seed))
         except BaseException:
             self.close()
             raise
-        self._worker_of = {env_index: w for w in self._workers for env_index in w.num_envs}
+        self._worker_of = {env_index: w for w in self._workers for env_index in w.env_indices}
 
     def _wait(self) -> None:
         """Wait until all workers are ready; where one is not, end all."""
@@ -148,7 +151,7 @@ class Pool(Executor):
         """See `Executor.restore`."""
         for worker in self._workers:
             worker.env_states = cloudpickle.dumps(
-                {env_index: state[env_index] for env_index in worker.num_envs}
+                {env_index: state[env_index] for env_index in worker.env_indices}
             )
             worker.call("restore", worker.env_states)
 

@@ -34,9 +34,9 @@ class Process(Pool):
         self._count = workers or os.cpu_count() or 1
         self._attempts = attempts
 
-    def start(self, task: Task, env_indices: int, seed: int) -> None:
+    def start(self, task: Task, num_envs: int, seed: int) -> None:
         """See `Executor.start`."""
-        self._start_workers(task, env_indices, seed, self._count)
+        self._start_workers(task, num_envs, seed, self._count)
         self._wait()
 
     def _launch(self, task: Task, env_indices: list[int], seed: int) -> Handle:
@@ -56,7 +56,7 @@ class _ProcessHandle(Handle):
     def ready(self) -> None:
         """See `Handle.ready`."""
         steps: list[tuple[str, tuple[Any, ...]]] = [
-            ("start", (self._task, self.num_envs, self._seed))
+            ("start", (self._task, self.env_indices, self._seed))
         ]
         if self.env_states is not None:
             steps.append(("restore", (self.env_states,)))
@@ -93,8 +93,8 @@ class _ProcessHandle(Handle):
             else:
                 return self._result(reply)
         raise WorkerError(
-            f"the worker process of environments {self.num_envs[0]} to {self.num_envs[-1]} died "
-            f"{self._attempts} times on the same work ({_death(status)}). Memory may be short: "
+            f"the worker process of {self} died {self._attempts} times on the same work "
+            f"({_death(status)}). Memory may be short: "
             "try fewer executor.workers or fewer environments"
         )
 

@@ -1,7 +1,7 @@
 """`executor=ray`: groups of environments as Ray actors, on one machine or many.
 
 Ray restarts an actor that died, wherever there is room, and repeats the call that it died in.
-What is left to do here is to put the environments of a restarted actor back to where they stood.
+This module restores the environments of a restarted actor.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Ray(Pool):
         self._address, self._cores = address, cores_per_worker
         self._mine = False
 
-    def start(self, task: Task, env_indices: int, seed: int) -> None:
+    def start(self, task: Task, num_envs: int, seed: int) -> None:
         """See `Executor.start`.
 
         Raises:
@@ -54,7 +54,7 @@ class Ray(Pool):
         """
         self._connect()
         cores = ray.cluster_resources().get("CPU", 0.0)
-        workers = min(env_indices, self._count or max(1, int(cores // self._cores)))
+        workers = min(num_envs, self._count or max(1, int(cores // self._cores)))
         if workers * self._cores > cores:
             raise ConfigError(
                 f"executor.workers={workers} actors with executor.cores_per_worker={self._cores:g} "
@@ -62,7 +62,7 @@ class Ray(Pool):
             )
         # Shipped once, not once an actor; kept here, for a restart needs it again.
         self._task = ray.put(task)
-        self._start_workers(task, env_indices, seed, workers)
+        self._start_workers(task, num_envs, seed, workers)
         self._wait()
 
     def _connect(self) -> None:
@@ -152,9 +152,8 @@ class _ActorHandle(Handle):
         except ray.exceptions.RayActorError as death:
             reason = str(death).strip().splitlines()[0]
             raise WorkerError(
-                f"the Ray actor of environments {self.num_envs[0]} to {self.num_envs[-1]} died "
-                f"{self._attempts} times on the same work ({reason}). Memory may be short: try "
-                "fewer environments, or a larger executor.cores_per_worker"
+                f"the Ray actor of {self} died {self._attempts} times on the same work ({reason}). "
+                "Memory may be short: try fewer environments, or a larger executor.cores_per_worker"
             ) from None
         self._seconds[process] = seconds
         if error is not None:

@@ -86,7 +86,7 @@ class Worker:
     def rollout(self, proposals: Any) -> Any:
         """Return the segments, and the environments' state in case this process dies later."""
         assert self._host is not None
-        return self._host.num_envs.rollout(proposals), saved(self._host.num_envs.state)
+        return self._host.engine.rollout(proposals), saved(self._host.engine.state)
 
     def evaluate(self, proposals: Any) -> Any:
         """Return the segments of evaluation episodes."""
@@ -96,10 +96,10 @@ class Worker:
     def state(self) -> Any:
         """Return the environments' state."""
         assert self._host is not None
-        return self._host.num_envs.state()
+        return self._host.engine.state()
 
     def restore(self, env_states: bytes) -> None:
-        """Put the environments back to where `saved` found them.
+        """Restore the environments from what `saved` returned.
 
         Raises:
             WorkerError: If they could not be saved.
@@ -111,7 +111,7 @@ class Worker:
                 "environment or controller cannot be saved. Started again in its folder, the run "
                 "goes on from its last checkpoint, with new episodes"
             )
-        self._host.num_envs.restore(cloudpickle.loads(env_states))
+        self._host.engine.restore(cloudpickle.loads(env_states))
 
 
 def answered(method: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, Any]:

@@ -59,7 +59,8 @@ class Console:
             )
             pairs = f"{acceptance_test['pairs']} pairs of episodes"
             self._print(
-                f"  gate: {verdict} the baseline values, {pairs}: {acceptance_test['text']}"
+                f"  acceptance test: {verdict} the baseline values, {pairs}: "
+                f"{acceptance_test['text']}"
             )
         if (start := result.get("baseline_cost_mean")) is not None:
             episodes = f"the same {len(result['cost_per_episode'])} episodes"

@@ -50,7 +50,7 @@ class Sparsity:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LinearisedProblem:
-    """n quadratic programmes, one an environment, linearised about a rollout of the model.
+    """n quadratic programmes, one for each environment, linearised about a rollout of the model.
 
     minimise    sum_{k=1..N} |x_k - reference_k|^2_{state_weights_k}
               + sum_{k=0..N-1} |u_k|^2_{input_weights_k}
@@ -116,6 +116,6 @@ class Solver(Protocol):
 
         Args:
             problem: What to solve.
-            careful: Use the solver's safer, slower settings (a retry after a failure).
+            robust: Use the solver's safer, slower settings (a retry after a failure).
         """
         ...

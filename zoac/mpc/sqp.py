@@ -110,7 +110,7 @@ class Plan:
     Args:
         inputs: (n, N, nu), finite and inside the box whatever happened.
         status: (n,) int8, the worst `Status` of the step, after a retry.
-        retried: (n,) bool, a careful solve was needed.
+        retried: (n,) bool, a robust solve was needed.
         linearisations: (n,) int64, quadratic programmes posed.
         seconds: Wall time of the solver's calls, all environments together.
     """

@@ -64,12 +64,11 @@ class Recording:
         self._diagnostics = {name: _doubled(v) for name, v in self._diagnostics.items()}
 
     def cut(self, first_row: int, env_index: int, last_observation: np.ndarray) -> dict[str, Any]:
-        """Return an environment's rows since `first_row` as the arrays of a segment; no memory is
-        shared.
+        """Return copies of an environment's rows since `first_row`: the arrays of a segment.
 
         Args:
             first_row: Where the segment began.
-            environment: Which environment.
+            env_index: Which environment.
             last_observation: Where it ended.
         """
         rows = slice(first_row, self.rows)

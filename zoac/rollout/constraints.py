@@ -137,7 +137,7 @@ class FeasibilityFirst:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Put back what `state` returned."""
+        """Restore what `state` returned."""
         self._totals = dict(state["totals"])
         self._low, self._high, self._size = state["range"]
         self._largest = state["largest"].copy()

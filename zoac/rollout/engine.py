@@ -36,16 +36,16 @@ class _Running:
 class RolloutEngine:
     """Environments stepped side by side, each with its own episode, random stream and memory.
 
-    What an environment does depends on nothing but its own seed and proposals, so results are the
-    same bits however environments are spread over groups and processes.
+    An environment depends on nothing but its own seed and proposals, so results are the same bits
+    however environments are divided among engines and processes.
     """
 
     def __init__(self, task: Task, env_indices: Sequence[int], seeds: Sequence[int]) -> None:
         """
         Args:
             task: Gives environment, controller and parameter space.
-            env_indices: The ids of this group's environments, as proposals name them.
-            seeds: One seed an environment, for its random stream.
+            env_indices: The indices of this engine's environments, as proposals name them.
+            seeds: One for each environment's random stream.
         """
         self.n = len(env_indices)
         self._space = task.space
@@ -187,10 +187,10 @@ class RolloutEngine:
         raise type(failure)(f"{told}. {REMEDY}") from failure.__cause__
 
     def _stand(self, env_index: int, index: int, proposal: Proposal, row: int) -> _Running:
-        """Bring `environment` to where `proposal` starts."""
+        """Bring an environment to where `proposal` starts."""
         resume = None
         if proposal.seed is not None:
-            resume = self._copied_lane(env_index)
+            resume = self._saved_env(env_index)
             if resume is None:
                 self._begin_anew(env_index)
             self._reset(env_index, proposal.seed)
@@ -200,7 +200,7 @@ class RolloutEngine:
                 seed, self._first_seeds[env_index] = self._first_seeds[env_index], None
                 self._reset(env_index, seed)
             if proposal.restore:
-                resume = self._copied_lane(env_index)
+                resume = self._saved_env(env_index)
         return _Running(index, row, proposal.horizon, bool(self._steps[env_index] == 0), resume)
 
     def _begin_anew(self, env_index: int) -> None:
@@ -243,7 +243,7 @@ class RolloutEngine:
             self._memory[name][env_index] = value
 
     def _act(self, env_indices: np.ndarray | None) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
-        """Return actions (n, m) and diagnostics; only `environments` act, if given."""
+        """Return actions (n, m) and diagnostics; only `env_indices` act, if given."""
         if env_indices is not None and not len(env_indices):
             return np.zeros((self.n, *self._action_shape)), {}
         if env_indices is None:
@@ -275,7 +275,8 @@ class RolloutEngine:
         env_indices: np.ndarray,
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]:
         """Ask the controller; with a penalty, one that fails acts with zero."""
-        # Which environment fails is seen by asking one at a time; twice only what cannot remember.
+        # Asking one environment at a time shows which one fails; only a controller without
+        # objects that remember may be asked twice.
         if len(env_indices) == 1 or not self._live(0):
             try:
                 return self._checked_call(parameters, observations, memory, env_indices)
@@ -347,12 +348,11 @@ class RolloutEngine:
         values = ", ".join(f"{name}={v[env_index]:.6g}" for name, v in self._parameters.items())
         return (
             f"Environment {self._env_indices[env_index]}, step {self._steps[env_index]} of its "
-            "episode, "
-            f"parameters: {values}"
+            f"episode, parameters: {values}"
         )
 
-    def _copied_lane(self, env_index: int) -> dict[str, Any] | None:
-        """Return a copy of an environment to put back later; None if it cannot be copied."""
+    def _saved_env(self, env_index: int) -> dict[str, Any] | None:
+        """Return an environment's state, to be restored later; None if it cannot be copied."""
         if self._task.restore_fault is not None:
             return None
         try:
@@ -397,17 +397,17 @@ class RolloutEngine:
         self._restarts[env_index] = snapshot["restarts"]
 
     def state(self) -> dict[int, Any]:
-        """Return a copy of every environment's state, by environment id; see `zoac.core.state`.
+        """Return a copy of every environment's state, by its index; see `zoac.core.state`.
 
         Raises:
-            UnsavableError: If the environment cannot be put back to where it stood.
+            UnsavableError: If the environment cannot be restored.
         """
         if self._task.save_fault is not None:
             raise UnsavableError(self._task.save_fault)
         return {env_index: self._snapshot(row) for env_index, row in self._row_of.items()}
 
     def restore(self, state: Mapping[int, Any]) -> None:
-        """Put back the environments of `state` that belong to this group; others are left out."""
+        """Restore this engine's environments from `state`, which may hold others too."""
         for env_index, row in self._row_of.items():
             memory = deepcopy(state[env_index]["memory"])
             self._restore_env(row, {**state[env_index], "memory": memory})

@@ -17,7 +17,7 @@ from zoac.rollout.constraints import violations
 
 
 def evaluation_proposals(x: np.ndarray, episodes: int, seed: int) -> list[Proposal]:
-    """Return one whole-episode proposal per evaluation episode, each in an environment of its own.
+    """Return one whole-episode proposal per evaluation episode, each for another environment.
 
     Args:
         x: Mapped parameters (d,).

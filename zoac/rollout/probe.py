@@ -26,13 +26,13 @@ SEEDS = (1, 2)
 
 
 def restore_fault(make_env: Callable[[int], VecEnv], pickled: bool = False) -> str | None:
-    """Save an environment in mid-episode, put it back, and compare how it goes on.
+    """Save an environment in mid-episode, restore it, and compare how it goes on.
 
-    The environment runs on for `STEPS` steps and into another episode. Put back, it must show the
+    The environment runs on for `STEPS` steps and into another episode. Restored, it must show the
     same bits again.
 
     Args:
-        make_env: Makes an environment of n environments; what it makes is closed again.
+        make_env: Makes a vectorised environment with `num_envs=n`, which is closed again.
         pickled: The state goes through a pickle into another environment, as a checkpoint does.
 
     Returns:
@@ -117,12 +117,12 @@ def horizon(task: Task) -> Horizon:
         segments = group.rollout([Proposal(x, 0)] * EPISODES)
     finally:
         group.close()
-    longest = max(segments, key=lambda s: s.length)
-    return Horizon(longest.length, "truncation" if longest.truncated else "termination")
+    last = max(segments, key=lambda s: s.length)
+    return Horizon(last.length, "truncation" if last.truncated else "termination")
 
 
 def controller_fault(task: Task, pickled: bool = False) -> str | None:
-    """Save a controller object in mid-episode, put it back, and compare how it goes on.
+    """Save a controller object in mid-episode, restore it, and compare how it goes on.
 
     Args:
         task: Gives the controller; one whose memory is arrays needs no trial.
@@ -193,7 +193,7 @@ def played(env: VecEnv, actions: np.ndarray, seed: int | None = None) -> list[by
     """Return what each step of one environment shows, up to the end of its episode.
 
     Args:
-        env: An environment of one environment.
+        env: A vectorised environment with `num_envs=1`.
         actions: (T, m).
         seed: Of a new episode; None: go on.
 

@@ -35,7 +35,7 @@ class Task(ABC):
     objective: str = ""
     """Which signal is minimised, where the first line of a run is to say it."""
     baseline: Mapping[str, Any] | None = None
-    """Reference parameters that are not tuned, for tasks that have them."""
+    """Present values of the parameters in `space`, to compare with, for tasks that have them."""
     tuned_for: Mapping[str, Mapping[str, Any]] = {}
     """Tuner's name -> options that suit this task; where nothing else is said, they hold."""
 
@@ -48,7 +48,7 @@ class Task(ABC):
 
     @abstractmethod
     def make_env(self, n: int) -> VecEnv:
-        """Return an environment of `n` environments."""
+        """Return a vectorised environment with `num_envs=n`."""
 
     @abstractmethod
     def make_controller(self) -> Controller:
@@ -78,7 +78,7 @@ class Task(ABC):
         return segment.costs
 
     def env_action(self, action: np.ndarray) -> Any:
-        """Return a controller's action (m,) as one environment of this task takes it."""
+        """Return a controller's action (m,) as this task's environment takes it."""
         return action
 
     def traces(self, segment: Segment) -> list[Trace]:

@@ -78,7 +78,7 @@ def unfit(what: str, reason: str) -> RunFolderError:
 
 @contextmanager
 def fitting(what: str) -> Iterator[None]:
-    """Take up a part of a checkpoint: whatever is raised meanwhile says that it does not fit."""
+    """Report whatever is raised while a part of a checkpoint is restored: it does not fit."""
     try:
         yield
     except ZoacError:

@@ -1,6 +1,6 @@
-"""Where a run's rows go: files always, the console, and mirrors such as wandb.
+"""Where a run's rows go: files always, the console, and loggers such as wandb.
 
-The run folder is the truth. A mirror that fails is dropped with one warning; the run goes on.
+The run folder is the truth. A logger that fails is dropped with one warning; the run goes on.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from zoac.runs import checkpoint, schema
 
 
 class RunLog:
-    """Writer of one run folder, which also passes every row on to the mirrors."""
+    """Writer of one run folder, which also passes every row on to the loggers."""
 
     def __init__(
         self, folder: Path, run: Mapping[str, Any], loggers: Sequence[Logger] = ()
@@ -27,7 +27,7 @@ class RunLog:
         Args:
             folder: The run folder; exists and is locked by the caller.
             run: Content of `run.json`; written if the folder has none.
-            sinks: Mirrors.
+            loggers: Where rows go beside the folder.
         """
         self.folder = folder
         self._run = run
@@ -113,7 +113,7 @@ class RunLog:
         for logger in list(self._loggers):
             try:
                 getattr(logger, verb)(content)
-            except Exception as error:  # a mirror must not end a run, whatever it raises
+            except Exception as error:  # a logger must not end a run, whatever it raises
                 self._loggers.remove(logger)
                 name = type(logger).__name__
                 print(f"{name} failed and is switched off: {error}", file=sys.stderr)

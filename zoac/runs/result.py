@@ -14,7 +14,7 @@ from zoac.core.errors import RunFolderError
 from zoac.rollout.task import Task
 from zoac.runs import schema
 from zoac.runs.export import TunedController, export
-from zoac.runs.trust import foreign_code
+from zoac.runs.foreign_code import foreign_code
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,11 +34,11 @@ class Result:
         cost_mean: Mean cost of the final evaluation episodes.
         cost_per_episode: Of each of them.
         baseline_cost_mean: Mean cost of the baseline values on the same episodes; None without any.
-        warnings: What is wrong with the answer, one sentence each: it costs more than the start
-            values, it breaks a constraint, an earlier evaluation was clearly better.
+        warnings: What is wrong with the answer, one sentence each: it costs more than the
+            baseline, it breaks a constraint, an earlier evaluation was clearly better.
         env_steps: Spent on tuning.
         folder: The run folder, with everything that was logged.
-        record: The content of `result.json`: metrics, violations, the gate's verdict, times.
+        record: The content of `result.json`: metrics, violations, acceptance test, times.
         task: What was tuned; None if it is to be found again from the folder.
         trust_code: Whether that may load code that the folder names or holds.
         finished: False after an interruption: `parameters` are then the recommendation so far, and

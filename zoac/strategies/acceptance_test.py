@@ -1,4 +1,4 @@
-"""Whether what was found is accepted in place of the baseline."""
+"""The acceptance test: the answer must beat the baseline on held-out episodes."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from zoac.strategies.paired_comparison import MIN_PAIRS, Comparison, compare
 
 
 class AcceptanceTest(ReservedSteps):
-    """A tuner whose answer must beat the baseline values on held-out episodes, or they stay.
+    """A tuner whose answer must beat the baseline on held-out episodes; else the baseline is kept.
 
-    The last share of the budget goes to pairs of episodes from common seeds that the search never
-    saw: one with the baseline values, one with what the tuner recommends. Their number is settled
-    before the first; `Comparison` decides after the last. Without it, the baseline values stay.
+    The last fraction of the budget pays for pairs of episodes from seeds that the search never
+    saw: one with the baseline, one with what the tuner recommends. The number of pairs is fixed
+    before the first; `Comparison` decides after the last. If it cannot, the baseline is kept.
     """
 
     def __init__(self, tuner: Tuner, problem: Problem, fraction: float) -> None:
         """
         Args:
             tuner: Who searches; its own problem has the budget that is left for it.
-            problem: What is tuned, with the whole budget and baseline parameters, the start.
-            share: Of the budget, for held-out episodes.
+            problem: What is tuned, with the whole budget and a start, the baseline.
+            fraction: Of the budget, for held-out episodes.
 
         Raises:
             ConfigError: If there are no baseline values.
         """
         if problem.start is None:
             raise ConfigError(
-                "gate: there are no baseline values (baseline parameters) to compare to"
+                "acceptance_test: there are no baseline values to compare with; give the task some"
             )
         super().__init__(tuner, problem, fraction)
         self._start = problem.start
@@ -74,13 +74,13 @@ class AcceptanceTest(ReservedSteps):
         return self.comparison is not None and self.comparison.accepted
 
     def recommend(self) -> np.ndarray:
-        """Return the tuner's recommendation while it searches; then what passed the gate."""
+        """Return the tuner's recommendation while it searches; then what was accepted."""
         if self._searching:
             return self._tuner.recommend()
         return self._episodes.candidates[1] if self.accepted else self._start.copy()
 
     def outcome(self) -> dict[str, Any]:
-        """Return the gate's verdict for `result.json`."""
+        """Return the verdict for `result.json`."""
         episodes, comparison = self._episodes, self.comparison
         start, candidate = _finite_means(episodes.costs)
         failures = [int(count) for count in episodes.failed.sum(axis=0)] or [0, 0]
@@ -119,7 +119,7 @@ class AcceptanceTest(ReservedSteps):
         self._episodes.restore(state["episodes"])
 
     def describe(self) -> dict[str, Any]:
-        """Return the tuner's choices and the gate."""
+        """Return the tuner's choices and the test."""
         reserved = self._problem.budget - self._search_steps
         pairs = reserved // (2 * self._problem.max_episode_steps)
         told = f"last {self._fraction:.0%} of the budget, against the baseline values"

@@ -24,8 +24,8 @@ class BestEvaluated(ReservedSteps):
     """A tuner whose answer is chosen among what it recommended on the way, and the baseline.
 
     Candidates are the recommendations that the run evaluated, the last one and the baseline. They
-    meet on common episodes that neither the search nor any evaluation sees, by successive halving:
-    each round drops the worse half and costs as many steps as any other.
+    are compared on common episodes that neither the search nor any evaluation sees, by successive
+    halving: each round drops the worse half and costs as many steps as any other.
     """
 
     def __init__(self, tuner: Tuner, problem: Problem, every: int) -> None:
@@ -43,7 +43,7 @@ class BestEvaluated(ReservedSteps):
         if (needed := self._steps_of(2)) > reserved:
             raise ConfigError(
                 f"select=best_evaluated: choosing between two candidates may take {needed:,} "
-                f"steps, and its share of the budget is {reserved:,}; give a budget of "
+                f"steps, and its fraction of the budget is {reserved:,}; give a budget of "
                 f"{math.ceil(needed / SELECTION_FRACTION):,} steps or more"
             )
         self._every, self._next = every, 0

@@ -121,13 +121,13 @@ class HeldOut:
         return tuple(array.copy() for array in arrays)
 
     def restore(self, state: Sequence[np.ndarray]) -> None:
-        """Put back what `state` returned."""
+        """Restore what `state` returned."""
         arrays = (array.copy() for array in state)
         self._candidates, self.costs, self.violations, self.failed = arrays
 
 
 class ReservedSteps(TunerStrategy):
-    """A tuner that leaves the last share of the budget to something else.
+    """A tuner that leaves the last fraction of the budget to something else.
 
     The search ends before the first batch that could touch the reserved steps, were all of its
     episodes to run to their time limit.
@@ -138,7 +138,7 @@ class ReservedSteps(TunerStrategy):
         Args:
             tuner: Who searches; its own problem has the budget that is left for it.
             problem: What is tuned, with the whole budget.
-            share: Of the budget, for what comes after the search.
+            fraction: Of the budget, for what comes after the search.
         """
         super().__init__(tuner)
         self._problem, self._fraction = problem, fraction
@@ -180,7 +180,7 @@ class ReservedSteps(TunerStrategy):
         """Take what came back for it."""
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
-        """Hand on what the tuner asked for, or take what came after."""
+        """Pass on what the tuner asked for, or take what came after."""
         lengths = [segment.length for segment in segments]
         self._steps += sum(lengths)
         self._longest = max(self._longest, *lengths)

@@ -101,7 +101,7 @@ class Comparison:
 
     Promised: a candidate that wins no more episodes than it loses is accepted at most one time in
     twenty, whatever the distribution of costs; so is one whose differences are symmetric about
-    zero or above, whatever their spread. The third test weighs how much is won and lost, so that
+    zero or above, whatever their deviation. The third test weighs how much is won and lost, so that
     many small gains do not hide a few large losses that were seen. Not promised, since no number
     of pairs could: that no failure rarer than `unseen_rate` makes the mean worse.
 

@@ -1,11 +1,9 @@
-"""Where tuning starts: a race of parameter vectors over horizons that grow.
+"""Find a start by successive halving: try many parameter vectors briefly, few for long.
 
-Most parameter vectors show within a few steps that they are bad, so many are tried briefly and few
-for a whole episode (successive halving: Jamieson and Talwalkar, 2016). All vectors of a round run
-from the same start under the same disturbances, so that they are compared and not their luck. From
-round to round the better ones stay, and fill the field up with children: one of them, plus a
-difference of two others (differential evolution: Storn and Price, 1997), which follows a narrow
-valley whatever its direction and scale.
+Most vectors show within a few steps that they are bad (Jamieson and Talwalkar, 2016). All vectors
+of a round run from the same start under the same disturbances. The better ones stay for the next
+round. Offspring joins them: one of them plus a difference of two others (differential evolution:
+Storn and Price, 1997), which follows a narrow valley whatever its direction and scale.
 """
 
 from __future__ import annotations
@@ -27,17 +25,17 @@ MIN_POINTS = 4
 """Vectors in a round, at least; and in the last one, which spends its steps on several episodes."""
 
 NO_OFFSPRING = 20
-"""With so many parameters a field is too small for children to be better than fresh vectors."""
+"""Number of parameters from which a round has too few vectors for offspring to be of use."""
 
 DIFFERENCE, JITTER = 0.7, 0.02
-"""What part of a difference a child moves by, and the standard deviation of its noise."""
+"""Which fraction of a difference offspring moves by, and the standard deviation of its noise."""
 
 
 class SuccessiveHalving:
     """Rounds of equal numbers of steps; the horizon grows geometrically to a whole episode.
 
     The last round is between the best few only, over as many whole episodes as its steps allow.
-    Where environments cannot be put back (`Problem.supports_snapshots`), every round runs whole
+    Where environments cannot be restored (`Problem.supports_snapshots`), every round runs whole
     episodes from the environments' own starts.
     """
 
@@ -56,10 +54,10 @@ class SuccessiveHalving:
             problem: What is tuned.
             rng: The tuner's random stream.
             first: Mapped parameters (d,) that take part in the first round.
-            share: Of the budget, for the race; 0: `first` wins without one.
+            fraction: Of the budget; 0: `first` is the best without a round.
             rounds: How many.
-            survivors: Part of a round's field that consists of the last round's best; the rest are
-                their children. None: d / `CHILDLESS`, at most 1.
+            survivor_fraction: Which fraction of a round are the last round's best; the rest are
+                their offspring. None: d / `NO_OFFSPRING`, at most 1.
         """
         self._problem, self._rng = problem, rng
         self._first = first
@@ -77,7 +75,7 @@ class SuccessiveHalving:
             self._episodes[-1] = max(1, whole)
         self._round = 0
         self._points = np.empty((0, problem.space.dimension))
-        self._ranked = first[None].copy()  # the better half of the last field, best first
+        self._ranked = first[None].copy()  # the better half of the last round, best first
 
     @property
     def over(self) -> bool:
@@ -86,11 +84,11 @@ class SuccessiveHalving:
 
     @property
     def best(self) -> np.ndarray:
-        """The leader's mapped parameters (d,)."""
+        """The best mapped parameters (d,) so far."""
         return self._ranked[0].copy()
 
     def ask(self) -> list[Proposal]:
-        """Return the next round: its whole field, spread over the environments."""
+        """Return the next round: all its vectors, divided among the environments."""
         size = self._sizes[self._round]
         self._points = self._uniform(size) if self._round == 0 else self._descendants(size)
         num_envs, horizon = self._problem.num_envs, self._horizons[self._round]
@@ -109,7 +107,7 @@ class SuccessiveHalving:
         return np.concatenate([self._first[None], drawn])
 
     def _descendants(self, size: int) -> np.ndarray:
-        """Return the field (size, d) of survivors and their children."""
+        """Return the next round's vectors (size, d): survivors and their offspring."""
         ranked, rng = self._ranked, self._rng
         parents = ranked[: max(2, math.ceil(self._survivor_fraction * size))][:size]
         count = size - len(parents)
@@ -120,7 +118,7 @@ class SuccessiveHalving:
         return np.concatenate([parents, self._problem.space.clip(offspring)])
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
-        """Rank the field by what came back, in the order of the proposals."""
+        """Rank the vectors by what came back, in the order of the proposals."""
         costs = bad_is_infinite(cost_sums(segments)).reshape(len(self._points), -1).mean(axis=1)
         violations = np.reshape([s.violation for s in segments], (len(self._points), -1))
         order = ranking(violations.mean(axis=1), costs)
@@ -130,18 +128,18 @@ class SuccessiveHalving:
 
     def state(self) -> dict[str, Any]:
         """Return everything that lasts between rounds; the random stream is the tuner's."""
-        return {"round": self._round, "field": self._points.copy(), "ranked": self._ranked.copy()}
+        return {"round": self._round, "points": self._points.copy(), "ranked": self._ranked.copy()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Put back what `state` returned."""
+        """Restore what `state` returned."""
         self._round = state["round"]
-        self._points, self._ranked = state["field"].copy(), state["ranked"].copy()
+        self._points, self._ranked = state["points"].copy(), state["ranked"].copy()
 
 
 def _horizons(problem: Problem, rounds: int) -> list[int]:
     """Return each round's horizon: geometric from `SHORTEST` to a whole episode, and that again."""
-    longest = problem.max_episode_steps
+    whole = problem.max_episode_steps
     if not problem.supports_snapshots or rounds < 3:
-        return [longest] * rounds
+        return [whole] * rounds
     exponents = 1 - np.arange(rounds - 1) / (rounds - 2)
-    return [max(1, round(longest * SHORTEST**e)) for e in exponents] + [longest]
+    return [max(1, round(whole * SHORTEST**e)) for e in exponents] + [whole]

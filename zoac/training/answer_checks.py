@@ -1,4 +1,4 @@
-"""What a user must be told of a run's answer: that the start was better, say."""
+"""Warnings about the answer of a run, such as that the baseline was better."""
 
 from __future__ import annotations
 
@@ -45,8 +45,7 @@ def _of_the_start(result: Mapping[str, Any]) -> list[str]:
     if clearly_higher(np.array(costs), np.array(start["cost_per_episode"])):
         told.append(
             f"The answer is worse than the baseline values: cost {result['cost_mean']:.4g} instead "
-            "of "
-            f"{start['cost_mean']:.4g} on the same {episodes} final episodes."
+            f"of {start['cost_mean']:.4g} on the same {episodes} final episodes."
         )
     for what, count, before in (
         ("terminates", result["terminations"], start["terminations"]),
@@ -105,6 +104,6 @@ def _of_the_acceptance_test(result: Mapping[str, Any]) -> list[str]:
         return []
     return [
         f"The acceptance test had {acceptance_test['pairs']} pairs of episodes and fewer than "
-        f"{MIN_PAIRS} "
-        "accept nothing, so the answer is the baseline values: give gate or budget more steps."
+        f"{MIN_PAIRS} accept nothing, so the answer is the baseline values: "
+        "give acceptance_test or budget more steps."
     ]

@@ -73,7 +73,7 @@ class Run:
         tuner: Who tunes.
         executor: Where environments run; not yet started.
         settings: Seed, budget and evaluation.
-        sinks: Mirrors of the run folder.
+        loggers: Where rows go beside the run folder.
         quiet: Do not say that the run is done already.
         doubts: What `config` cannot tell of the task, one sentence each; see `with_code`.
     """
@@ -105,7 +105,7 @@ def with_code(config: Mapping[str, Any], task: Task) -> tuple[dict[str, Any], Se
     if TARGET not in node:
         code, doubts = fingerprint.told(task.parts())
     else:
-        # Jobs of a sweep may share a process, and the code may change its own globals meanwhile.
+        # Jobs of a sweep may share a process, and earlier ones may have changed the code's globals.
         key = json.dumps(node, sort_keys=True)
         if key not in _seen:
             _seen[key] = fingerprint.told(_parts_from_file(node[TARGET], task))
@@ -295,13 +295,13 @@ def _origin(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _empty(folder: Path) -> None:
-    """Delete the run in `folder`; killed meanwhile, the rest is still that run, or none.
+    """Delete the run. If interrupted, what remains still identifies this run or is empty.
 
     Raises:
         RunFolderError: If something cannot be deleted.
     """
     try:
-        # What says whose all this is goes last, so that nothing is ever taken for another run's.
+        # run.json goes last, so that leftovers are never attributed to another run.
         if (folder / schema.CHECKPOINTS).exists():
             shutil.rmtree(folder / schema.CHECKPOINTS)
         for name in (schema.RESULT, schema.METRICS, schema.TASK, schema.RUN):

@@ -76,7 +76,7 @@ class Trainer:
         self._task, self._tuner, self._executor = task, tuner, executor
         self._settings, self._log = settings, log
         self._stop_requested = stop_requested
-        self._lanes_unsaved = False  # they cannot be saved, which has been said
+        self._envs_unsaved = False  # environments cannot be saved, which was printed
         self._constraints = FeasibilityFirst(task.constraints)
         self._last_finite = np.zeros(task.space.dimension)  # recommendation
         self.progress = Progress()
@@ -90,7 +90,7 @@ class Trainer:
             Interrupted: If asked to stop; the run can be resumed.
         """
         self._restore(self._log.load_checkpoint())
-        self._saved_lanes()  # says at the start if they cannot be saved
+        self._saved_envs()  # warns at the start if they cannot be saved
         while self.progress.env_steps < self._settings.budget:
             self._evaluate_if_due()
             with self._timed("tuner_seconds"):
@@ -156,7 +156,7 @@ class Trainer:
         return row
 
     def _rolled_out(self, x: np.ndarray, episodes: int) -> list[Segment]:
-        """Return the fixed evaluation episodes with the parameters z."""
+        """Return the fixed evaluation episodes with the parameters x (d,)."""
         proposals = evaluation_proposals(x, episodes, self._settings.evaluation_seed)
         tuner_seconds = self.progress.tuner_seconds
         with self._timed("evaluation_seconds"):
@@ -300,20 +300,20 @@ class Trainer:
         return {
             "progress": progress,
             "tuner": self._tuner.state(),
-            "num_envs": self._saved_lanes(),
+            "num_envs": self._saved_envs(),
             "constraints": self._constraints.state(),
             "last_finite": self._last_finite.copy(),
         }
 
-    def _saved_lanes(self) -> Any:
+    def _saved_envs(self) -> Any:
         """Return the environments' state; None, and say so once, if it cannot be saved."""
-        if self._lanes_unsaved:
+        if self._envs_unsaved:
             return None
         try:
             state = self._executor.state()
             encode(state)
         except Exception as error:  # whatever a user's environment or controller raises
-            self._lanes_unsaved = True
+            self._envs_unsaved = True
             reason = error if isinstance(error, ZoacError) else f"{type(error).__name__}: {error}"
             more = ""
             if self._task.restore_fault is not None:

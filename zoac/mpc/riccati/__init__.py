@@ -157,7 +157,7 @@ def solve_about(
         input_low: (nu,).
         input_high: (nu,).
         nonzero: `pattern` of entries of [a b] that can be other than zero; None: any can.
-        careful: Leave out the clipped sweeps: interior point and active set at once.
+        robust: Leave out the clipped sweeps: interior point and active set at once.
         sweeps: Clipped sweeps tried before the interior-point method takes over.
         max_active_set_steps: Limit of the active-set method that ends the solve.
 

@@ -53,7 +53,7 @@ _ITERATION_LIMIT = int(Status.ITERATION_LIMIT)
 _NUMERICAL_FAILURE = int(Status.NUMERICAL_FAILURE)
 _NOT_FINITE = int(Status.NOT_FINITE)
 _OPEN = -1  # not solved yet
-_FEWEST = 2  # lanes for which a sweep of eight takes less time than their own
+_MIN_LANES = 2  # lanes for which a sweep of eight takes less time than their own
 
 
 @kernel
@@ -148,7 +148,7 @@ def _solve_lane(
     lane: np.ndarray, at: Layout, robust: bool, sweeps: int, limit: int
 ) -> tuple[int, int]:
     """Solve the loaded lane; returns status and number of factorisations."""
-    # Even the careful way needs one factorisation first, for the scale of the inputs.
+    # Even the robust way needs one factorisation first, for the scale of the inputs.
     used, ended = _sweep(lane, at, 1 if robust else sweeps)
     if used < 0:
         return _NUMERICAL_FAILURE, 0
@@ -223,7 +223,7 @@ def _solve_in_batches(
             sweeping[i] = first + i < count
         load_batch(block, stands, data, low, high, lanes)
         for used in range(1, sweeps + 1):
-            if np.sum(sweeping) < _FEWEST:
+            if np.sum(sweeping) < _MIN_LANES:
                 break
             sweep_batch(block, stands)
             ended = False

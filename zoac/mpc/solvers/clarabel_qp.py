@@ -40,7 +40,7 @@ class ClarabelSolver:
 
     Clarabel scales a problem when its solver object is made, and an update keeps that scaling.
     So the object is made from numbers that depend on the layout alone: what it returns does not
-    depend on what it solved before. A careful solve makes an object for each problem, scaled
+    depend on what it solved before. A robust solve makes an object for each problem, scaled
     by that problem's own numbers, and refines its linear solves.
 
     Args:

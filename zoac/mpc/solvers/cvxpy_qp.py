@@ -22,7 +22,7 @@ _STATUS = {
 
 
 class CvxpySolver:
-    """The stated problem, solved by CVXPY with Clarabel, built once and given new numbers.
+    """Solve `zoac.mpc.formulation` by CVXPY with Clarabel; a layout is compiled once.
 
     Args:
         tolerance: On the duality gap and the residuals.
@@ -45,7 +45,7 @@ class CvxpySolver:
         return type(self), (self.tolerance, self.max_iterations)
 
     def solve(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
-        """Solve the n problems; see `Solver`. A careful solve allows ten times the iterations."""
+        """Solve the n problems; see `Solver`. A robust solve allows ten times the iterations."""
         layout = Layout.of(problem)
         if layout not in self._formulations:
             self._formulations[layout] = build_problem(layout)

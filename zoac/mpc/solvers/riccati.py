@@ -46,7 +46,7 @@ class Riccati:
 
         Args:
             problem: What to solve. Input bounds may be infinite, or equal to pin an input.
-            careful: Leave out the sweeps: interior point and active set at once.
+            robust: Leave out the sweeps: interior point and active set at once.
 
         Raises:
             ConfigError: If a bound is NaN or the lower bound of an input exceeds the upper.
