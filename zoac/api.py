@@ -92,13 +92,13 @@ def tune(
         controller: `act(params, obs)`, or an object with such a method that may remember things
             and begins an episode in `reset()`; params is {name: number}, obs an array.
         space: Bounds by name: `(low, high)`, `(low, high, "log")`, a dict with `low`, `high`,
-            `scale`, `unit`, `start`; `(low, high, "integer")`; a dict with `choices`; or one
+            `scale`, `unit`, `baseline`; `(low, high, "integer")`; a dict with `choices`; or one
             number, which is fixed.
         tuner: Name of a tuner's config: "zoac", "cmaes", "bo", "random", ...
         budget: Environment steps for tuning.
         seed: Of everything.
-        environments: Environments side by side.
-        baseline: Today's values, where the tuner then begins, if it can be told; their cost is
+        num_envs: Environments side by side.
+        baseline: Values in use today. The tuner begins there if it takes a start; their cost is
             reported beside the result.
         metrics: Reported beside the cost: `Metric`s, or functions of a segment by name.
         constraints: What must hold at every step, likewise; see `zoac.rollout.constraints`.
@@ -111,12 +111,14 @@ def tune(
             it, which is refused.
         initial_sigma: Standard deviation of the search around the baseline in the mapped box
             [-1, 1]^d, such as 0.1; the search then begins at the baseline.
-        gate: Share of the budget, such as 0.2, for held-out episodes on which the answer must beat
-            the baseline values; else they stay. `result.record["gate"]` tells.
+        acceptance_test: Fraction of the budget, such as 0.2, for held-out episodes on which the
+            answer must beat the baseline; otherwise the baseline is the answer.
+            `result.record["acceptance_test"]` has the verdict.
         select: "best_evaluated": the answer is the best of the recommendations that were evaluated
             and the baseline values, on held-out episodes that a fifth of the budget pays for; None:
             what the tuner recommends at the end.
-        scout: Random points, an episode each, of which the best is where the tuner starts.
+        initial_samples: Evaluate so many random points for one episode each, and start from the
+            best.
         common_random_numbers: Whole episodes that the tuner asks for together begin alike.
         failure_penalty: Cost of a step that fails, which ends its episode: controller or
             environment raises, or returns what is not finite; None: that ends the run with a
