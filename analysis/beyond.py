@@ -1,10 +1,10 @@
 """Tuners at several budgets, as ratios: `python -m zoac.analysis.beyond runs --out tables`.
 
 A run's cost is divided by a reference cost on the same evaluation episodes: that of the nominal
-controller or, with `--reference best`, that of the best run there is. One row per tuner and
-variant, one column per budget: mean ratio, worst ratio, number of seeds. Writes beyond.md and
-beyond.csv; an ablation is a table whose variants leave one thing out each. A second table has the
-terminations per 100,000 steps of tuning: what the search did to the plant.
+controller or, with `--reference best`, that of the best run. The table has one row per tuner and
+variant and one column per budget, with mean ratio, worst ratio and number of seeds. A second table
+has the terminations per 100,000 steps of tuning. The files are beyond.md and beyond.csv. In an
+ablation each variant leaves one thing out.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from zoac.core.errors import RunFolderError
 
 REFERENCES = ("nominal", "best")
 ASIDE = ("budget", "mpc_solver", "executor")
-"""Keys of a variant that name no method: the columns, and what moves no plan."""
+"""Keys of a variant that do not make a row of their own."""
 
 ROW = ["tuner", "variant"]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write one table per task; return the exit code."""
-    parser = cli.parser("beyond", "Tuners at several budgets, as ratios.", out="tables")
-    parser.add_argument("--task", help="default: every task there is")
+    parser = cli.parser("beyond", "Tuners at several budgets, as ratios.", "tables")
+    parser.add_argument("--task", help="default: all tasks")
     parser.add_argument(
         "--reference", choices=REFERENCES, default="nominal", help="default: nominal"
     )
@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(options: argparse.Namespace) -> None:
-    collection = cli.load_aloud(options.runs, episodes=False)
+    collection = cli.load_runs(options, episodes=False)
     if options.task:
         collection = collection.of_task(options.task)
     finished = collection.some_finished()
@@ -54,15 +54,14 @@ def _command(options: argparse.Namespace) -> None:
         frames.append(frame.assign(task=task))
     text = "\n".join(texts)
     print(text)
-    folder = cli.output_folder(options.out)
-    cli.write(folder / "beyond.md", text)
+    cli.write(options.out / "beyond.md", text)
     columns = ["task", *frames[0].columns.drop("task")]
     records = pd.concat(frames).to_csv(columns=columns, index=False, lineterminator="\n")
-    cli.write(folder / "beyond.csv", records)
+    cli.write(options.out / "beyond.csv", records)
 
 
 def reference_run(runs: Sequence[Run], reference: str) -> Run:
-    """Return the run by whose cost others are divided.
+    """Return the run by whose cost the others are divided.
 
     Raises:
         RunFolderError: If there is no run with the nominal controller.
@@ -88,11 +87,11 @@ def table(
     Args:
         runs: Finished runs of one task.
         reference: The run by whose cost theirs are divided.
-        seeds: Those to count; all by default.
+        seeds: Those to count; default: all.
 
     Raises:
-        RunFolderError: If there is none, two are of the same row, budget and seed, or seeds,
-            methods or the reference differ in what they must share.
+        RunFolderError: If there is no run, if two runs have the same row, budget and seed, or if
+            seeds, methods or the reference are not comparable.
     """
     tuned = [run for run in runs if run.tuned]
     frame = pd.DataFrame(

@@ -1,4 +1,4 @@
-"""What the commands of this package share: arguments, one message for an error, output files."""
+"""Options, error messages and output files that the commands of this package have in common."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from zoac.analysis.data.load import load
 from zoac.analysis.data.runs import WITHOUT_VARIANT, Collection
@@ -14,22 +15,6 @@ from zoac.cli.pipes import reader_may_leave
 from zoac.core.errors import ConfigError, ZoacError, suggest
 
 FORMATS = ("svg", "pdf", "png")
-
-
-def parser(module: str, summary: str, out: str) -> argparse.ArgumentParser:
-    """Return a parser that knows RUNS and --out.
-
-    Args:
-        module: The command's module.
-        summary: One sentence for --help.
-        out: Default output folder.
-    """
-    made = argparse.ArgumentParser(prog=f"python -m zoac.analysis.{module}", description=summary)
-    made.add_argument("runs", type=folder, help="a folder of runs, or one run folder")
-    made.add_argument(
-        "--out", type=folder, default=Path(out), metavar="FOLDER", help=f"default: {out}"
-    )
-    return made
 
 
 def folder(text: str) -> Path:
@@ -56,7 +41,7 @@ def _whole(text: str, least: int) -> int:
 
 
 def seeds(text: str) -> list[int]:
-    """Parse seeds, 0,3,4 or 0-9 or both, into ascending ones that differ."""
+    """Parse seeds such as 0,3,4 or 0-9 into ascending numbers without repetition."""
     found: set[int] = set()
     for part in text.split(","):
         first, dash, last = part.partition("-")
@@ -66,44 +51,52 @@ def seeds(text: str) -> list[int]:
     return sorted(found)
 
 
-def add_variant(parser: argparse.ArgumentParser) -> None:
-    """Add --variant, for `Collection.of_variant`."""
-    parser.add_argument(
-        "--variant",
-        metavar="NAME",
-        help=f"keep to runs of this variant; {WITHOUT_VARIANT}: to those without one",
+def formats(text: str) -> list[str]:
+    """Parse a list of picture formats such as svg,pdf."""
+    chosen = text.split(",")
+    for name in chosen:
+        if name not in FORMATS:
+            raise argparse.ArgumentTypeError(f"unknown format {name!r}; {suggest(name, FORMATS)}")
+    return chosen
+
+
+OPTIONS: dict[str, dict[str, Any]] = {
+    "--variant": {
+        "metavar": "NAME",
+        "help": f"use only runs of this variant; {WITHOUT_VARIANT}: only runs without a variant",
+    },
+    "--trust-code": {
+        "action": "store_true",
+        "help": "load modules that run folders name, and pickles that they hold, to build their "
+        "tasks; both can execute any code, so use it only for folders of people whom you trust",
+    },
+    "--format": {
+        "type": formats,
+        "default": list(FORMATS),
+        "metavar": "svg,pdf,png",
+        "help": "default: all three",
+    },
+}
+"""Options that several commands have."""
+
+
+def parser(module: str, summary: str, out: str, *options: str) -> argparse.ArgumentParser:
+    """Return a parser that knows RUNS, --out and some of `OPTIONS`.
+
+    Args:
+        module: The command's module.
+        summary: One sentence for --help.
+        out: Default output folder.
+        options: Names of further options, keys of `OPTIONS`.
+    """
+    made = argparse.ArgumentParser(prog=f"python -m zoac.analysis.{module}", description=summary)
+    made.add_argument("runs", type=folder, help="a folder of runs, or one run folder")
+    made.add_argument(
+        "--out", type=folder, default=Path(out), metavar="FOLDER", help=f"default: {out}"
     )
-
-
-def add_trust(parser: argparse.ArgumentParser) -> None:
-    """Add --trust-code, for commands that build the task of a run again."""
-    parser.add_argument(
-        "--trust-code",
-        action="store_true",
-        help="load modules that run folders name, and pickles that they hold, to build their tasks "
-        "again; either can do anything, so only for folders of people whom you trust",
-    )
-
-
-def add_formats(parser: argparse.ArgumentParser) -> None:
-    """Add --format, a list of picture formats."""
-
-    def formats(text: str) -> list[str]:
-        chosen = text.split(",")
-        for name in chosen:
-            if name not in FORMATS:
-                raise argparse.ArgumentTypeError(
-                    f"unknown format {name!r}; {suggest(name, FORMATS)}"
-                )
-        return chosen
-
-    parser.add_argument(
-        "--format",
-        type=formats,
-        default=list(FORMATS),
-        metavar="svg,pdf,png",
-        help="default: all three",
-    )
+    for option in options:
+        made.add_argument(option, **OPTIONS[option])
+    return made
 
 
 def guarded(
@@ -122,18 +115,17 @@ def guarded(
     return 0
 
 
-def load_aloud(root: Path, *, episodes: bool = True, trust_code: bool = False) -> Collection:
-    """Load runs; name on stderr each folder that is left out, and why.
+def load_runs(options: argparse.Namespace, *, episodes: bool = True) -> Collection:
+    """Load the runs that the options name; print which folders are left out, and why.
 
     Args:
-        root: A folder of runs, or one run folder.
+        options: `runs`, and if the command has them `variant` and `trust_code`.
         episodes: Whether the cost of each episode is needed.
-        trust_code: Whether a replay may load code that is not zoac's own.
 
     Raises:
         RunFolderError: If nothing can be read, or episodes are needed and were not kept.
     """
-    collection = load(root, trust_code=trust_code)
+    collection = load(options.runs, trust_code=getattr(options, "trust_code", False))
     for run in collection.finished if episodes else ():
         _ = run.costs
     for item in collection.left_out:
@@ -141,34 +133,30 @@ def load_aloud(root: Path, *, episodes: bool = True, trust_code: bool = False) -
     return collection
 
 
-def only_task(collection: Collection) -> str:
-    """Return the only task there is.
+def of_variant(collection: Collection, options: argparse.Namespace) -> Collection:
+    """Return the runs of the variant that the options name, or all."""
+    return collection if options.variant is None else collection.of_variant(options.variant)
+
+
+def load_one_task(options: argparse.Namespace) -> Collection:
+    """Load the runs of `options.task`, by default the only task, and of `options.variant`.
 
     Raises:
-        ConfigError: If there are several.
+        ConfigError: If there are several tasks and none is named.
         RunFolderError: If no run is finished.
     """
-    tasks = sorted({run.method.task for run in collection.some_finished()})
-    if len(tasks) > 1:
-        raise ConfigError(f"runs of several tasks; choose with --task: {', '.join(tasks)}")
-    return tasks[0]
-
-
-def output_folder(path: Path) -> Path:
-    """Make and return a folder for output.
-
-    Raises:
-        ConfigError: If it cannot be made.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"cannot make the output folder {path}: {error.strerror}") from None
-    return path
+    collection = load_runs(options)
+    task = options.task
+    if not task:
+        task, *others = sorted({run.method.task for run in collection.some_finished()})
+        if others:
+            names = ", ".join([task, *others])
+            raise ConfigError(f"runs of several tasks; choose with --task: {names}")
+    return of_variant(collection.of_task(task), options)
 
 
 def write(path: Path, content: str | bytes) -> None:
-    """Write one output file and say so.
+    """Write one output file and print its name.
 
     Raises:
         ConfigError: If it cannot be written.
@@ -179,12 +167,13 @@ def write(path: Path, content: str | bytes) -> None:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Let the body write one output file, and say so.
+    """Make the folder of `path`, let the body write the file and print its name.
 
     Raises:
         ConfigError: If it cannot be written.
     """
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         yield
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror or error}") from None

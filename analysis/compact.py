@@ -54,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Write the three files; return the exit code."""
     from zoac.analysis import cli  # which loads runs, and so reads this module
 
-    parser = cli.parser("compact", "Runs in three small files.", out="compact")
+    parser = cli.parser("compact", "Runs in three small files.", "compact")
     parser.add_argument(
         "--every",
         type=cli.count,
@@ -76,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
 
     def command(options: argparse.Namespace) -> None:
-        runs = cli.load_aloud(options.runs, episodes=not options.summary).some_finished()
+        runs = cli.load_runs(options, episodes=not options.summary).some_finished()
         left_out = (*LISTS, "baseline") if options.summary else ()
         evaluated = () if options.summary else runs
         files = {
@@ -84,9 +84,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             EVALUATIONS: evaluations_csv(evaluated, options.every, options.digits),
             METHODS: methods_json(runs),
         }
-        folder = cli.output_folder(options.out)
         for name, content in files.items():
-            cli.write(folder / name, content)
+            cli.write(options.out / name, content)
 
     return cli.guarded(command, parser, argv)
 

@@ -54,28 +54,20 @@ class Panel:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Draw learning curves; return the exit code."""
-    parser = cli.parser("curves", "Learning curves (Fig. 3).", out="figures")
-    parser.add_argument("--task", help="keep to this task; default: all")
+    parser = cli.parser("curves", "Learning curves (Fig. 3).", "figures", "--variant", "--format")
+    parser.add_argument("--task", help="default: all tasks")
     parser.add_argument("--metric", help="any logged number; default: cost and prediction error")
     parser.add_argument("--against", choices=AXES, default=AXES[0])
     parser.add_argument("--statistic", choices=tuple(STATISTICS), default="mean")
-    cli.add_variant(parser)
-    cli.add_formats(parser)
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
-    collection = cli.load_aloud(options.runs)
-    if options.variant is not None:
-        collection = collection.of_variant(options.variant)
+    collection = cli.of_variant(cli.load_runs(options), options)
     panels = all_panels(
         collection, options.task, options.metric, options.against, options.statistic
     )
-    folder = cli.output_folder(options.out)
-    with style.paper():
-        figure = draw(panels, options.against)
-        for kind in options.format:
-            cli.write(folder / f"curves.{kind}", style.image(figure, kind))
+    style.save(lambda: draw(panels, options.against), options, "curves")
 
 
 def all_panels(

@@ -28,8 +28,8 @@ from zoac.core.errors import ConfigError, suggest
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.rollout.task import Task
 
-SMALLEST_SPAN = 0.1
-"""Of a cost axis, as a share of the cost."""
+MIN_SPAN = 0.1
+"""Smallest range of a cost axis, as a fraction of the cost."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,36 +43,27 @@ class Slice:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Draw parameters and landscape of one method; return the exit code."""
-    parser = cli.parser("landscape", "Parameters and cost landscape (Fig. 4).", out="figures")
+    parser = cli.parser(
+        "landscape", "Parameters and cost landscape (Fig. 4).", "figures", *cli.OPTIONS
+    )
     parser.add_argument("--task", help="default: the only one there is")
     parser.add_argument("--tuner", default="zoac", help="default: zoac")
-    cli.add_variant(parser)
     parser.add_argument("--parameters", help="names, with commas between; default: all")
     parser.add_argument(
         "--points", type=cli.count, default=25, help="along each parameter; default: 25"
     )
     parser.add_argument("--episodes", type=cli.count, default=8, help="per point; default: 8")
-    cli.add_trust(parser)
-    cli.add_formats(parser)
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
-    collection = cli.load_aloud(options.runs, trust_code=options.trust_code)
-    collection = collection.of_task(options.task or cli.only_task(collection))
-    if options.variant is not None:
-        collection = collection.of_variant(options.variant)
+    collection = cli.load_one_task(options)
     method = chosen(collection, options.tuner)[0].method
     runs = by_method(collection.finished)[method]
     task = replay.rebuild(runs[0])
     names = options.parameters.split(",") if options.parameters else _numbers(task.space)
     slices = sliced(task, median_run(runs), names, options.points, options.episodes)
-    folder = cli.output_folder(options.out)
-    with style.paper():
-        figure = draw(runs, slices)
-        for kind in options.format:
-            path = folder / f"landscape_{method.task}_{method.tuner}.{kind}"
-            cli.write(path, style.image(figure, kind))
+    style.save(lambda: draw(runs, slices), options, f"landscape_{method.task}_{method.tuner}")
 
 
 def sliced(task: Task, run: Run, names: Sequence[str], points: int, episodes: int) -> list[Slice]:
@@ -168,7 +159,7 @@ def _draw_cost(axes: Axes, part: Slice, bottom: bool) -> None:
         axes.set_xscale("log")
     else:
         # A parameter that hardly matters must look as if it hardly mattered.
-        span = max(float(np.ptp(mean)), SMALLEST_SPAN * abs(float(mean.min())))
+        span = max(float(np.ptp(mean)), MIN_SPAN * abs(float(mean.min())))
         axes.set_xlim(mean.min() - 0.1 * span, mean.min() + 1.1 * span)
         axes.xaxis.set_major_locator(MaxNLocator(2))
         axes.ticklabel_format(axis="x", useOffset=False)

@@ -28,26 +28,24 @@ from zoac.analysis.statistics.comparison import Comparison, compare
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the report; return the exit code."""
-    parser = cli.parser("report", "One HTML page about a run or a sweep.", out="reports")
-    parser.add_argument("--task", help="keep to this task; default: all")
-    cli.add_variant(parser)
+    parser = cli.parser(
+        "report", "One HTML page about a run or a sweep.", "reports", "--variant", "--trust-code"
+    )
+    parser.add_argument("--task", help="default: all tasks")
     parser.add_argument(
         "--no-replay", action="store_true", help="do not drive controllers for closed-loop plots"
     )
-    cli.add_trust(parser)
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
-    collection = cli.load_aloud(options.runs, trust_code=options.trust_code)
-    if options.variant is not None:
-        collection = collection.of_variant(options.variant)
+    collection = cli.of_variant(cli.load_runs(options), options)
     if options.task is not None:
         collection = collection.of_task(*family(options.task))
     found = {family(run.method.task)[0] for run in collection.some_finished()}
     tasks = [options.task] if options.task is not None else sorted(found, reverse=True)
     page = report(collection, tasks, replay=not options.no_replay)
-    cli.write(cli.output_folder(options.out) / "report.html", page)
+    cli.write(options.out / "report.html", page)
 
 
 def report(collection: Collection, tasks: Sequence[str], replay: bool = True) -> str:

@@ -77,40 +77,31 @@ class Sensitivity:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write table and figure of one run; return the exit code."""
-    parser = cli.parser("robustness", "Tuned parameters on varied plants.", out="robustness")
+    parser = cli.parser(
+        "robustness", "Tuned parameters on varied plants.", "robustness", *cli.OPTIONS
+    )
     parser.add_argument("--task", help="default: the only one there is")
     parser.add_argument("--tuner", help="default: zoac's median run, or whatever was tuned")
-    cli.add_variant(parser)
     parser.add_argument("--seed", type=int, help="default: the median run")
     parser.add_argument(
         "--vary", action="append", default=[], metavar="NAME=LOW,HIGH", help="may be repeated"
     )
     parser.add_argument("--plants", type=cli.count, default=20, help="plants drawn; default: 20")
     parser.add_argument("--episodes", type=cli.count, default=8, help="per plant; default: 8")
-    cli.add_trust(parser)
-    cli.add_formats(parser)
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
     ranges = dict(_parsed(text) for text in options.vary)
-    collection = cli.load_aloud(options.runs, trust_code=options.trust_code)
-    collection = collection.of_task(options.task or cli.only_task(collection))
-    if options.variant is not None:
-        collection = collection.of_variant(options.variant)
-    run = chosen(collection, options.tuner, options.seed)[0]
+    run = chosen(cli.load_one_task(options), options.tuner, options.seed)[0]
     print(f"{run.folder}: {run.method}, seed {run.seed}", file=sys.stderr)
     varied = vary(run, ranges, options.plants, options.episodes) if ranges else None
     around = sensitivity(run, options.episodes)
-    folder = cli.output_folder(options.out)
     text = markdown(run, varied, around)
     print(text)
-    cli.write(folder / "robustness.md", text)
-    cli.write(folder / "robustness.csv", table(varied, around))
-    with style.paper():
-        figure = draw(varied, around)
-        for kind in options.format:
-            cli.write(folder / f"robustness.{kind}", style.image(figure, kind))
+    cli.write(options.out / "robustness.md", text)
+    cli.write(options.out / "robustness.csv", table(varied, around))
+    style.save(lambda: draw(varied, around), options, "robustness")
 
 
 def _parsed(text: str) -> tuple[str, tuple[float, float]]:

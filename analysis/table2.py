@@ -1,4 +1,4 @@
-"""Table II of the paper, ours beside theirs: `python -m zoac.analysis.table2 runs --out tables`.
+"""Table II of the paper, and ours beside it: `python -m zoac.analysis.table2 runs --out tables`.
 
 Writes table2.md, table2.tex and table2.csv; the same runs give the same bytes.
 """
@@ -69,14 +69,13 @@ METHOD_NOTE = (
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the table of one task in three formats; return the exit code."""
-    parser = cli.parser("table2", "Table II: ours beside the paper's.", out="tables")
+    parser = cli.parser("table2", "Table II beside the paper's.", "tables", "--variant")
     parser.add_argument("--task", default="mpc_tracking", help="default: mpc_tracking")
-    cli.add_variant(parser)
     parser.add_argument(
         "--budget",
         type=cli.count,
         metavar="STEPS",
-        help="take each run where it stood after so many environment steps",
+        help="use the last evaluation of each run within so many environment steps",
     )
     parser.add_argument(
         "--seeds", type=cli.seeds, metavar="0-4", help="the seeds each method should have"
@@ -87,19 +86,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _command(options: argparse.Namespace) -> None:
     comparison = compare(
-        cli.load_aloud(options.runs),
+        cli.load_runs(options),
         options.task,
         variant=options.variant,
         budget=options.budget,
         seeds=options.seeds,
         random_seed=options.bootstrap_seed,
     )
-    folder = cli.output_folder(options.out)
     text = markdown(comparison)
     print(text)
-    cli.write(folder / "table2.md", text)
-    cli.write(folder / "table2.tex", latex(comparison))
-    cli.write(folder / "table2.csv", csv(comparison))
+    cli.write(options.out / "table2.md", text)
+    cli.write(options.out / "table2.tex", latex(comparison))
+    cli.write(options.out / "table2.csv", csv(comparison))
 
 
 def markdown(comparison: Comparison) -> str:

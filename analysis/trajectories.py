@@ -37,43 +37,29 @@ class Loop:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Draw closed loops, or film one before and after tuning; return the exit code."""
-    parser = cli.parser("trajectories", "Closed loops (Figs. 5 and 6).", out="figures")
+    parser = cli.parser("trajectories", "Closed loops (Figs. 5 and 6).", "figures", *cli.OPTIONS)
     parser.add_argument("--task", help="default: the only one there is")
-    cli.add_variant(parser)
-    parser.add_argument(
-        "--seed", type=int, help="show this seed; default: of each tuner the median one in cost"
-    )
+    parser.add_argument("--seed", type=int, help="default: the seed of median cost of each tuner")
     parser.add_argument(
         "--animate",
         type=cli.folder,
         metavar="FILE",
         help="write a .gif or .mp4 of one run, before and after tuning, instead",
     )
-    parser.add_argument("--tuner", help="keep to this tuner; --animate: default zoac")
-    cli.add_trust(parser)
-    cli.add_formats(parser)
+    parser.add_argument("--tuner", help="use only this tuner; --animate: default zoac")
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
-    collection = cli.load_aloud(options.runs, trust_code=options.trust_code)
-    collection = collection.of_task(options.task or cli.only_task(collection))
-    if options.variant is not None:
-        collection = collection.of_variant(options.variant)
+    runs = chosen(cli.load_one_task(options), options.tuner, options.seed)
     if options.animate is not None:
         from zoac.analysis.figures import film
 
-        run = chosen(collection, options.tuner, options.seed)[0]
-        film.write(options.animate, run)
+        film.write(options.animate, runs[0])
         return
-    runs = chosen(collection, options.tuner, options.seed)
     task = replay.rebuild(runs[0])
-    folder = cli.output_folder(options.out)
-    with style.paper():
-        figure = draw(task, loops_of(task, runs), TASKS.get(runs[0].method.task, ""))
-        for kind in options.format:
-            path = folder / f"trajectories_{runs[0].method.task}.{kind}"
-            cli.write(path, style.image(figure, kind))
+    loops, name = loops_of(task, runs), runs[0].method.task
+    style.save(lambda: draw(task, loops, TASKS.get(name, "")), options, f"trajectories_{name}")
 
 
 def loops_of(task: Task, runs: Sequence[Run]) -> list[Loop]:

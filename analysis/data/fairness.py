@@ -1,4 +1,4 @@
-"""What may be averaged and what may be compared: refusals that name the keys that differ."""
+"""Checks that runs may be averaged or compared; the errors name the keys that differ."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from zoac.core.errors import RunFolderError
 from zoac.runs.schema import differing_keys
 
 WITHOUT_TUNING = ("budget", "num_envs", "eval_every")
-"""Keys that say nothing about a controller that was not tuned."""
+"""Keys without meaning for a controller that was not tuned."""
 
 OF_TUNER = (
     "tuner",
-    "trust",
+    "initial_sigma",
     "acceptance_test",
     "select",
     "initial_samples",
     "common_random_numbers",
 )
-"""Keys in which methods may differ: who tunes, and on which terms."""
+"""Keys in which compared methods may differ."""
 
 
 def refuse_mixed(runs: Sequence[Run]) -> None:
-    """Check that the seeds of a method differ in no setting that moves a number but the seed.
+    """Check that runs of a method differ only in the seed and in settings without effect.
 
     Raises:
         RunFolderError: If they do; the message names each key, its values and their seeds.
@@ -39,14 +39,14 @@ def refuse_mixed(runs: Sequence[Run]) -> None:
 
 
 def refuse_unequal(runs: Sequence[Run], *, any_budget: bool = False) -> None:
-    """Check that runs about to be compared met the same problem under the same budget.
+    """Check that runs to be compared solved the same problem under the same budget.
 
-    Tuners may differ, and tasks where the runs are of several; a controller that was not tuned
-    has no budget.
+    Tuners may differ. Tasks may differ if there are several. A controller that was not tuned has no
+    budget.
 
     Args:
         runs: The runs.
-        any_budget: Whether budgets may differ too.
+        any_budget: Whether budgets may differ.
 
     Raises:
         RunFolderError: If they differ in anything else.
@@ -77,11 +77,7 @@ def refuse_unequal(runs: Sequence[Run], *, any_budget: bool = False) -> None:
 
 
 def _settings(run: Run) -> dict[str, Any]:
-    """Return the configuration without what is written down twice or moves nothing.
-
-    A task's wishes for tuners stand in the tuner's own keys, and the solver in the task that uses
-    it.
-    """
+    """Return the configuration without duplicates: notes of the task for tuners, and the solver."""
     task = {key: value for key, value in run.config["task"].items() if key not in NOTES}
     return {**_without(run.config, "mpc_solver"), "task": task}
 
@@ -91,7 +87,7 @@ def _without(config: Mapping[str, Any], *keys: str) -> dict[str, Any]:
 
 
 def _differences(configs: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
-    """Return a line for each key in which named configurations differ: its values, and whose."""
+    """Return one line per differing key with its values and the owners of each value."""
     if not configs:
         return ""
     changes = [(name, differing_keys(configs[0][1], config)) for name, config in configs]

@@ -49,7 +49,6 @@ def write(path: Path, run: Run) -> None:
     task = replay.rebuild(run)
     segments = replay.demonstrate(task, [first, run.outcome["parameters"]])
     titles = ("Before tuning", f"After {run.outcome['env_steps']:,} steps")
-    cli.output_folder(path.parent)
     with cli.writing(path), style.screen():
         (_write_gif if path.suffix == ".gif" else _write_mp4)(path, frames(task, segments, titles))
 

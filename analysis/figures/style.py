@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from io import BytesIO
 from typing import Any, NamedTuple
@@ -13,6 +14,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from zoac.analysis import cli
 from zoac.analysis.data.runs import Method
 from zoac.analysis.figures.labels import REGULARISED
 
@@ -152,6 +154,14 @@ def image(figure: Figure, kind: str, salt: str = "zoac") -> bytes:
     with mpl.rc_context({"svg.hashsalt": salt}):
         figure.savefig(buffer, format=kind, dpi=300, metadata=_METADATA[kind])
     return buffer.getvalue()
+
+
+def save(draw: Callable[[], Figure], options: argparse.Namespace, name: str) -> None:
+    """Draw a figure for print; write it into `options.out` in each format of `options.format`."""
+    with paper():
+        figure = draw()
+        for kind in options.format:
+            cli.write(options.out / f"{name}.{kind}", image(figure, kind))
 
 
 def legend_above(figure: Figure, entries: Mapping[str, Artist], columns: int = 6) -> None:

@@ -123,6 +123,7 @@ def write_run(
             "solver_seconds": 3.0,
             "tuner_seconds": 4.0,
             "evaluation_seconds": 2.0,
+            "warnings": [],
             **(result or {}),
         }
         rows.append({"kind": "eval", **outcome, "final": True})
