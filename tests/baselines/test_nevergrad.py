@@ -120,10 +120,10 @@ def test_a_single_parameter_is_no_problem_for_cma_es():
 
 
 @pytest.mark.parametrize("name", ["ScrHammersleySearch", "TwoPointsDE", "EDA"])
-def test_an_optimiser_that_ignores_its_initial_value_evaluates_nominal_parameters_first(name):
+def test_an_optimiser_that_ignores_its_initial_value_evaluates_the_baseline_first(name):
     """EDA learns from no point but its own."""
     start = np.full(5, 0.9)
-    tuner = Nevergrad(problem(start=start), name=name, start="nominal")
+    tuner = Nevergrad(problem(start=start), name=name, start="baseline")
     group = num_envs()
     first = group.rollout(tuner.ask())
     assert np.allclose(first[0].proposal.x, start)
