@@ -10,8 +10,9 @@ import numpy as np
 
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
-from zoac.core.tuner import Problem, Tuner, TunerStrategy
+from zoac.core.tuner import Problem, Tuner
 from zoac.rollout.outcomes import bad_is_infinite, cost_sums, ranking
+from zoac.strategies.base import TunerStrategy
 
 
 class HeldOut:

@@ -1,4 +1,4 @@
-"""Terms on which any tuner can be run: a scouted start, and common episodes."""
+"""Strategies for any tuner: an initial design, and common random numbers."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ import numpy as np
 
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
-from zoac.core.tuner import Problem, Tuner, TunerStrategy
+from zoac.core.tuner import Problem, Tuner
 from zoac.rollout.outcomes import Outcomes
+from zoac.strategies.base import TunerStrategy
 
 
-class InitialDesign(Tuner):
+class InitialDesign(TunerStrategy):
     """A tuner that begins at the best of some random points, one episode each.
 
     The points are uniform in the mapped box, their episodes begin alike, and their steps count.
+    Until all of them have been run, the tuner is one that would begin in the middle.
     """
 
     def __init__(self, problem: Problem, count: int, begin: Callable[[Problem], Tuner]) -> None:
@@ -25,8 +27,8 @@ class InitialDesign(Tuner):
         Args:
             problem: What is tuned.
             count: Number of points.
-            begin: Makes the tuner for a problem whose baseline parameters are where to start and
-                whose budget is what is left.
+            begin: Makes the tuner for a problem with `start`, where to begin, and the budget that
+                is left.
         """
         self._problem, self._begin = problem, begin
         self._points = problem.rng("initial_samples").uniform(
@@ -34,69 +36,60 @@ class InitialDesign(Tuner):
         )
         self._episodes = Outcomes.none()
         self._spent = 0
-        self._tuner: Tuner | None = None
+        super().__init__(self._make())
+
+    def _make(self) -> Tuner:
+        left = max(0, self._problem.budget - self._spent)
+        return self._begin(replace(self._problem, start=self._best(), budget=left))
+
+    @property
+    def _sampling(self) -> bool:
+        return len(self._episodes) < len(self._points)
 
     def ask(self) -> list[Proposal]:
         """Return the next points' episodes; then what the tuner asks."""
-        if self._tuner is not None:
-            return self._tuner.ask()
+        if not self._sampling:
+            return super().ask()
         seed = stream_seed(self._problem.seed, "initial_samples")
         done = len(self._episodes)
         points = self._points[done : done + self._problem.num_envs]
         return [Proposal(x, env_index, seed=seed) for env_index, x in enumerate(points)]
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
-        """Take the points' costs; then hand on what the tuner asked for."""
-        if self._tuner is not None:
-            return self._tuner.tell(segments)
+        """Take the points' costs; then pass on what the tuner asked for."""
+        if not self._sampling:
+            return super().tell(segments)
         self._episodes += Outcomes.of(segments)
         self._spent += sum(segment.length for segment in segments)
-        if len(self._episodes) == len(self._points):
+        if not self._sampling:
             self._tuner = self._make()
         best = self._episodes[self._episodes.order[:1]]
         return (
             {"initial_best_cost": float(best.costs[0])} if np.isfinite(best.violations[0]) else {}
         )
 
-    def _make(self) -> Tuner:
-        left = max(0, self._problem.budget - self._spent)
-        return self._begin(replace(self._problem, start=self._best(), budget=left))
-
     def _best(self) -> np.ndarray:
         if not len(self._episodes):
             return np.zeros(self._problem.space.dimension)
         return self._points[self._episodes.order[0]].copy()
 
-    def background_update(self) -> None:
-        """See `Tuner.background_update`."""
-        if self._tuner is not None:
-            self._tuner.background_update()
-
     def recommend(self) -> np.ndarray:
         """Return the best point so far, then the tuner's recommendation."""
-        return self._best() if self._tuner is None else self._tuner.recommend()
+        return self._best() if self._sampling else super().recommend()
 
     def state(self) -> Any:
-        """Return everything, the tuner's state included."""
-        inner = None if self._tuner is None else self._tuner.state()
-        return {"episodes": self._episodes.state(), "spent": self._spent, "tuner": inner}
+        """See `Tuner.state`."""
+        return {"episodes": self._episodes.state(), "spent": self._spent, **super().state()}
 
     def restore(self, state: Any) -> None:
-        """Put back what `state` returned."""
+        """See `Tuner.restore`."""
         self._episodes, self._spent = Outcomes(*state["episodes"]), state["spent"]
-        self._tuner = None
-        if state["tuner"] is not None:
-            self._tuner = self._make()
-            self._tuner.restore(state["tuner"])
-
-    def outcome(self) -> dict[str, Any]:
-        """See `Tuner.outcome`."""
-        return {} if self._tuner is None else self._tuner.outcome()
+        self._tuner = self._make()
+        super().restore(state)
 
     def describe(self) -> dict[str, Any]:
         """Return the tuner's choices, its start replaced."""
-        tuner = self._tuner or self._make()
-        return {**tuner.describe(), "start": f"best of {len(self._points)} random points"}
+        return {**super().describe(), "start": f"best of {len(self._points)} random points"}
 
 
 class CommonRandomNumbers(TunerStrategy):
