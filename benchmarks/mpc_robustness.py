@@ -66,7 +66,7 @@ def stress(wanted: int) -> None:
         not_finite += int((~np.isfinite(actions)).sum())
         statuses += np.bincount(diagnostics["solver_status"], minlength=len(Status))
     print(f"{solves} solves, {statuses.sum()} steps; {not_finite} actions not finite")
-    print(f"steps that needed a careful solve: {retried}")
+    print(f"steps that needed a robust solve: {retried}")
     for status in Status:
         print(f"{statuses[status]:8d} {status.name}: {status.sentence}")
 

@@ -290,7 +290,7 @@ def our_way(make: Callable[[], Solver], robust: bool = False) -> Way:
 
 RICCATI = {
     "riccati": partial(our_way, Riccati),
-    "riccati, careful": partial(our_way, Riccati, robust=True),
+    "riccati, robust": partial(our_way, Riccati, robust=True),
     "clarabel": partial(our_way, ClarabelSolver),
 }
 PEERS = {
