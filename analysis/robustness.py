@@ -35,12 +35,12 @@ from zoac.core.seeding import stream
 from zoac.rollout.task import Task
 
 TAIL = 0.1
-"""Share of the costliest episodes whose mean is the tail risk (CVaR)."""
+"""Fraction of the costliest episodes whose mean is the tail risk (CVaR)."""
 
 STEP = 0.1
-"""Of a coordinate in the mapped box, for the sensitivity: a twentieth of the bounds' distance."""
+"""Step of the sensitivity in a normalised coordinate: a twentieth of the range."""
 
-TUNED, START = "tuned", "start values"
+TUNED, BASELINE = "tuned", "baseline"
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +63,10 @@ class Sensitivity:
     """Cost around the optimum along one coordinate.
 
     Args:
-        name: Of the coordinate.
-        below: Mean cost with it lowered by `STEP`, less the optimum's, in the same episodes.
-        above: Likewise, raised.
-        error: Standard error of the larger of the two.
+        name: Name of the coordinate.
+        below: Change of the mean cost with the coordinate lowered by `STEP`.
+        above: Change of the mean cost with the coordinate raised by `STEP`.
+        error: Larger standard error of the two.
     """
 
     name: str
@@ -120,16 +120,16 @@ def _parsed(text: str) -> tuple[str, tuple[float, float]]:
 def vary(
     run: Run, ranges: Mapping[str, tuple[float, float]], plants: int, episodes: int
 ) -> Variation:
-    """Return the costs of a run's parameters, and of its start values, on drawn plants.
+    """Return the costs of a run's parameters, and of the baseline, on drawn plants.
 
     Args:
         run: A finished run.
-        ranges: By name, from which each plant draws uniformly.
-        plants: How many.
-        episodes: On each, the same for all plants and controllers.
+        ranges: Range of each varied number, by name; plants are drawn uniformly.
+        plants: Number of plants.
+        episodes: Number of episodes on each plant, the same for all plants and controllers.
 
     Raises:
-        ConfigError: If a name is no number of the plant.
+        ConfigError: If a name is not a number of the plant.
     """
     task = replay.rebuild(run)
     rng = stream(0, "robustness")
@@ -154,12 +154,12 @@ def on_plant(run: Run, task: Task, values: Mapping[str, float]) -> Task:
     """Return a run's task on a plant with other numbers.
 
     Args:
-        run: Whose configuration.
-        task: Its task.
-        values: By dotted name among the task's options, or `plant.NAME`.
+        run: The run, for its configuration.
+        task: The task of the run.
+        values: Numbers by dotted name among the task's options, or `plant.NAME`.
 
     Raises:
-        ConfigError: If a name is no number among them.
+        ConfigError: If a name is not a number among them.
     """
     node = run.config["task"]
     if "_target_" not in node:  # of `zoac.tune`
@@ -199,14 +199,14 @@ def _own_value(run: Run, name: str) -> float:
 
 
 def _points(run: Run, task: Task) -> dict[str, np.ndarray]:
-    """Return the mapped parameters of each controller that is compared."""
-    points = {TUNED: np.array(_mapped(run, task))}
+    """Return the normalised parameters of each controller that is compared."""
+    points = {TUNED: np.array(_normalised(run, task))}
     if task.baseline is not None:
-        points[START] = task.space.normalise(task.baseline)
+        points[BASELINE] = task.space.normalise(task.baseline)
     return points
 
 
-def _mapped(run: Run, task: Task) -> np.ndarray:
+def _normalised(run: Run, task: Task) -> np.ndarray:
     names = task.space.names
     parameters = run.outcome["parameters"]
     missing = [name for name in names if name not in parameters]
@@ -223,7 +223,7 @@ def sensitivity(run: Run, episodes: int) -> list[Sensitivity]:
         episodes: The same for every point.
     """
     task = replay.rebuild(run)
-    centre = _mapped(run, task)
+    centre = _normalised(run, task)
     steps = np.diag(np.full(task.space.dimension, STEP))
     points = task.space.clip(np.concatenate([centre[None], centre - steps, centre + steps]))
     costs = replay.costs(task, points, episodes, int(run.config["evaluation"]["seed"]))
@@ -238,10 +238,10 @@ def sensitivity(run: Run, episodes: int) -> list[Sensitivity]:
     ]
 
 
-def tail_risk(costs: np.ndarray, share: float = TAIL) -> float:
-    """Return the mean of the costliest `share` of costs, one at least (CVaR)."""
+def tail_risk(costs: np.ndarray, fraction: float = TAIL) -> float:
+    """Return the mean of the costliest `fraction` of costs, at least one (CVaR)."""
     ordered = np.sort(np.ravel(costs))[::-1]
-    return float(ordered[: max(1, round(share * len(ordered)))].mean())
+    return float(ordered[: max(1, round(fraction * len(ordered)))].mean())
 
 
 def _summary(varied: Variation) -> list[list[str]]:

@@ -141,16 +141,16 @@ def tiles(values: Sequence[tuple[str, str]]) -> str:
     return f'<div class="tiles">{cells}</div>\n'
 
 
-def shares(parts: Sequence[tuple[str, float]]) -> str:
-    """Return a bar cut into shares of its whole, with a legend."""
+def fractions(parts: Sequence[tuple[str, float]]) -> str:
+    """Return a bar divided into fractions of the total, with a legend."""
     total = sum(value for _, value in parts) or 1.0
     colours = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#c4ccd4")
     bar, legend = "", ""
     for (name, value), colour in zip(parts, colours, strict=False):
-        share = 100 * value / total
-        bar += f'<span style="width:{share:.2f}%;background:{colour}"></span>'
+        part = 100 * value / total
+        bar += f'<span style="width:{part:.2f}%;background:{colour}"></span>'
         legend += (
-            f'<span><i style="background:{colour}"></i>{name} {value:,.1f} s ({share:.0f}%)</span>'
+            f'<span><i style="background:{colour}"></i>{name} {value:,.1f} s ({part:.0f}%)</span>'
         )
     return f'<div class="bar">{bar}</div><div class="legend">{legend}</div>\n'
 

@@ -24,11 +24,11 @@ from zoac.core.measures import Trace
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.seeding import stream
 
-LARGEST_VIEW = 3.0
-"""Most that an axis shows, as a multiple of what the tuned controller needs."""
+MAX_VIEW = 3.0
+"""Largest range of an axis, as a multiple of what the tuned controller needs."""
 
 NEAR_BOUND = 0.01
-"""Share of the range within which a parameter counts as being at its bound."""
+"""Fraction of the range within which a parameter counts as being at its bound."""
 
 
 def details(
@@ -90,7 +90,7 @@ def _verdict(run: Run, reference: Run | None) -> str:
             "95% over episodes, for this one run"
         )
     if (baseline := run.outcome.get("baseline_cost_mean")) is not None:
-        text += f". The start values cost <b>{number(baseline)}</b> on the same episodes"
+        text += f". The baseline costs <b>{number(baseline)}</b> on the same episodes"
     return text + "."
 
 
@@ -223,8 +223,8 @@ def _keep_in_view(axes: Axes, traces: Sequence[Trace]) -> None:
     low = min(float(trace.y.min()) for trace in traces)
     high = max(float(trace.y.max()) for trace in traces)
     bottom, top = axes.get_ylim()
-    if top - bottom > LARGEST_VIEW * (high - low) > 0:
-        room = (LARGEST_VIEW - 1) / 2 * (high - low)
+    if top - bottom > MAX_VIEW * (high - low) > 0:
+        room = (MAX_VIEW - 1) / 2 * (high - low)
         axes.set_ylim(max(bottom, low - room), min(top, high + room))
 
 
@@ -236,7 +236,7 @@ def _health(run: Run) -> str:
         for name in ("tuner", "evaluation", "checkpoint")
     ]
     rest = max(0.0, wall - sum(value for _, value in named))
-    text = html.shares([("rollouts and the rest", rest), *named])
+    text = html.fractions([("rollouts and the rest", rest), *named])
     items = [f"wall time {_duration(wall)}"]
     if result.get("compute_seconds") is not None:
         items.append(f"compute time over all processes {_duration(result['compute_seconds'])}")

@@ -1,9 +1,10 @@
-"""Methods side by side: what is missing, and which claims the data carry."""
+"""Methods side by side: what is missing, and which claims the data support."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from zoac.analysis.data.fairness import refuse_mixed, refuse_unequal
 from zoac.analysis.data.runs import Collection, Method, Run, by_method
@@ -11,9 +12,9 @@ from zoac.analysis.figures.labels import TASKS, family, method_labels
 from zoac.analysis.statistics.claims import Claim, claims
 from zoac.analysis.statistics.summaries import (
     NOMINAL,
-    Outcome,
     Summary,
-    outcome,
+    costs_of,
+    reached,
     scores_of,
     summary_of,
 )
@@ -34,7 +35,7 @@ class Comparison:
     """All methods of one task.
 
     Args:
-        task: Its name.
+        task: Name of the task.
         summaries: One per method, tuned ones first.
         claims: One per pair of methods that both have a cost.
         notes: What is missing, left out or not comparable, one sentence each.
@@ -69,11 +70,10 @@ def compare(
     Args:
         collection: The runs.
         task: Name of the task.
-        variant: Keep to runs of this variant.
-        budget: Take each run where it stood after so many environment steps.
-        seeds: Keep to these, which every tuned method should have; by default to all that any
-            of them has.
-        random_seed: Of the bootstrap.
+        variant: Use only runs of this variant.
+        budget: Use the last evaluation of each run within so many environment steps.
+        seeds: Seeds that every tuned method should have; default: all seeds of all methods.
+        random_seed: Seed of the bootstrap.
 
     Raises:
         RunFolderError: If there is no such finished run, or runs must not be averaged or compared.
@@ -87,14 +87,17 @@ def compare(
     groups = by_method(run for run in runs if run.result is not None)
     if not groups:
         raise RunFolderError(f"no finished run of task {task!r}; see the folders left out")
-    _check(groups)
+    for group in groups.values():
+        refuse_mixed(group)
+    refuse_unequal([group[0] for group in groups.values()])
     wanted = sorted(seeds if seeds is not None else {r.seed for r in runs if not _is_untuned(r)})
-    outcomes = {m: [outcome(run, budget) for run in group] for m, group in groups.items()}
-    episodes = min(len(o.costs) for group in outcomes.values() for o in group)
+    rows = {m: {run.seed: reached(run, budget) for run in group} for m, group in groups.items()}
+    all_rows = [row for found in rows.values() for row in found.values()]
+    episodes = min(len(costs_of(row)) for row in all_rows)
     methods = _order({run.method for run in runs} | _expected(task, groups))
     labels = method_labels(methods)
     nominal = next((m for m, group in groups.items() if _is_untuned(group[0])), None)
-    scores = {m: scores_of(outcomes[m], groups[m][0].tuned, episodes) for m in groups}
+    scores = {m: scores_of([*rows[m].values()], groups[m][0].tuned, episodes) for m in groups}
     summaries = []
     for method in methods:
         reference = scores.get(nominal) if nominal and method != nominal else None
@@ -102,18 +105,18 @@ def compare(
             summary_of(
                 method,
                 labels[method],
-                outcomes.get(method, []),
+                rows.get(method, {}),
                 wanted,
                 scores.get(method),
-                reference,
-                labels[nominal] if nominal else "",
+                (labels[nominal], reference) if nominal and reference else None,
+                [run.identity.get("tuner_choices", {}) for run in groups.get(method, [])],
                 random_seed,
             )
         )
     known = [(s.label, s.scores) for s in summaries if s.scores is not None]
     notes = [
         *_missing_notes(summaries),
-        *_violation_notes([o for group in outcomes.values() for o in group]),
+        *_violation_notes(all_rows),
         *_timing_notes([run for group in groups.values() for run in group]),
         *(f"left out {item}" for item in collection.left_out),
     ]
@@ -124,12 +127,6 @@ def compare(
 
 def _is_untuned(run: Run) -> bool:
     return run.result is not None and not run.tuned
-
-
-def _check(groups: dict[Method, list[Run]]) -> None:
-    for group in groups.values():
-        refuse_mixed(group)
-    refuse_unequal([group[0] for group in groups.values()])
 
 
 def _expected(task: str, groups: dict[Method, list[Run]]) -> set[Method]:
@@ -164,9 +161,9 @@ def _missing_notes(summaries: Sequence[Summary]) -> list[str]:
     return notes
 
 
-def _violation_notes(outcomes: Sequence[Outcome]) -> list[str]:
-    # Which episodes violate is not logged, so there is no counting anew over the shared ones.
-    numbers = sorted({len(o.costs) for o in outcomes if o.violations is not None})
+def _violation_notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    # The log has no violations per episode, so they cannot be counted over the common episodes.
+    numbers = sorted({len(costs_of(r)) for r in rows if r.get("violations") is not None})
     if len(numbers) < 2:
         return []
     return [

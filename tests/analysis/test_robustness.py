@@ -66,7 +66,7 @@ def test_costs_on_varied_plants_are_those_of_the_plants(run):
     np.testing.assert_allclose(varied.costs["tuned"][1:], expected)
     assert ((g[1:] >= 0.5) & (g[1:] <= 2.0)).all()
     assert len(set(g[1:])) == 4
-    np.testing.assert_array_equal(varied.costs["tuned"], varied.costs["start values"])
+    np.testing.assert_array_equal(varied.costs["tuned"], varied.costs["baseline"])
 
 
 def test_sensitivity_is_the_change_of_cost_in_the_same_episodes(run):
@@ -123,7 +123,7 @@ def test_the_command_writes_table_and_figure(tmp_path, capsys):
     assert robustness.main([*arguments, *QUICK]) == 0
     printed = capsys.readouterr().out
     assert "| tuned |" in printed
-    assert "| start values |" in printed
+    assert "| baseline |" in printed
     rows = list(csv.DictReader((out / "robustness.csv").read_text().splitlines()))
     plants = [r for r in rows if r["kind"] == "plant" and r["name"] == "tuned"]
     assert len(plants) == 4

@@ -146,7 +146,7 @@ def test_equal_costs_move_nothing():
 
 
 def test_the_search_distribution_has_the_std_asked_for():
-    tuner = EvolutionStrategy(problem(), population=4000, sigma=0.2, start="nominal")
+    tuner = EvolutionStrategy(problem(), population=4000, sigma=0.2, start="baseline")
     points = np.stack([p.x for p in tuner.ask()])
     assert points.std() == pytest.approx(0.2, rel=0.03)
     assert points.mean() == pytest.approx(0.0, abs=0.01)
@@ -154,7 +154,7 @@ def test_the_search_distribution_has_the_std_asked_for():
 
 def test_nominal_start_needs_nominal_parameters():
     with pytest.raises(ConfigError, match="start: baseline needs a task with baseline parameters"):
-        EvolutionStrategy(problem(start=None), start="nominal")
+        EvolutionStrategy(problem(start=None), start="baseline")
 
 
 def test_nominal_tuner_asks_nothing_and_recommends_the_nominal_parameters():
