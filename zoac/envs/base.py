@@ -7,7 +7,7 @@ can be saved, restored and moved to another process without touching the others.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -74,6 +74,16 @@ class VecEnv(VectorEnv, ABC):
         Returns:
             Observations (n, o), and infos.
         """
+
+    def _to_reset(
+        self, seed: int | Sequence[int | None] | None, options: Mapping[str, Any] | None
+    ) -> list[tuple[int, int | None]]:
+        """Return index and seed of each environment that `reset` is to reset."""
+        if isinstance(seed, (int, np.integer)):
+            seed = [int(seed) + env_index for env_index in range(self.num_envs)]
+        mask = (options or {}).get("reset_mask")
+        indices = range(self.num_envs) if mask is None else np.flatnonzero(mask).tolist()
+        return [(k, None if seed is None else seed[k]) for k in indices]
 
     @abstractmethod
     def step(
@@ -152,20 +162,9 @@ class ArrayVecEnv(VecEnv):
         options: dict[str, Any] | None = None,
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """See `VecEnv.reset`."""
-        options = options or {}
-        mask = options.get("reset_mask")
-        demonstration = bool(options.get("demonstration", False))
-        seeds: Sequence[int | None]
-        if seed is None:
-            seeds = [None] * self.num_envs
-        elif isinstance(seed, (int, np.integer)):
-            seeds = [int(seed) + env_index for env_index in range(self.num_envs)]
-        else:
-            seeds = seed
-        env_indices = range(self.num_envs) if mask is None else np.flatnonzero(mask).tolist()
-        for env_index in env_indices:
+        demonstration = bool((options or {}).get("demonstration", False))
+        for env_index, env_seed in self._to_reset(seed, options):
             rng = self._generators[env_index]
-            env_seed = seeds[env_index]
             if env_seed is not None or rng is None:
                 rng = np.random.Generator(np.random.PCG64(env_seed))
                 self._generators[env_index] = rng

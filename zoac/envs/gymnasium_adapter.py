@@ -108,15 +108,8 @@ class GymnasiumVecEnv(VecEnv):
         `failures`, env_index -> `EnvironmentFailure`.
         """
         failures: dict[int, EnvironmentFailure] = {}
-        options = dict(options or {})
-        mask = options.pop("reset_mask", None)
-        if isinstance(seed, (int, np.integer)):
-            seeds: Sequence[int | None] = [int(seed) + i for i in range(self.num_envs)]
-        else:
-            seeds = seed or [None] * self.num_envs
-        env_indices = range(self.num_envs) if mask is None else np.flatnonzero(mask).tolist()
-        for env_index in env_indices:
-            env_seed = seeds[env_index]
+        inner = {k: v for k, v in (options or {}).items() if k != "reset_mask"}
+        for env_index, env_seed in self._to_reset(seed, options):
             # Many environments hand their seed to libraries that take 32 bits.
             short = None if env_seed is None else int(env_seed) % 2**31
             if env_seed is not None and self._numbers.drawn:
@@ -125,7 +118,7 @@ class GymnasiumVecEnv(VecEnv):
             self._numbers.put(self._envs[env_index], numbers)  # a step may have changed them
             self._steps[env_index] = 0
             try:
-                told = {"options": options} if options else {}
+                told = {"options": inner} if inner else {}
                 result = self._call(env_index, "reset", seed=short, **told)
                 observation, _ = _parts(result, "reset", ("observation", "info"))
                 self._numbers.check(self._envs[env_index], numbers)
@@ -215,15 +208,10 @@ class GymnasiumVecEnv(VecEnv):
 
     def state(self, env_indices: Sequence[int] | np.ndarray) -> dict[str, Any]:
         """See `VecEnv.state`."""
-        envs = [
-            copy.deepcopy(self._envs[env_index]) for env_index in np.asarray(env_indices).tolist()
-        ]
+        rows = np.asarray(env_indices).tolist()
         return {
-            "envs": OwnObject(envs),
-            "draws": [
-                copy.deepcopy(self._draws[env_index])
-                for env_index in np.asarray(env_indices).tolist()
-            ],
+            "envs": OwnObject([copy.deepcopy(self._envs[row]) for row in rows]),
+            "draws": [copy.deepcopy(self._draws[row]) for row in rows],
             "seen": self._seen[env_indices].copy(),
             "steps": self._steps[env_indices].copy(),
         }

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from zoac.rollout.task import Task
 
 
+_Answer = tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]
+"""Actions (n, m), memory and diagnostics, as `Controller.act` returns them."""
+
+
 @dataclass(slots=True)
 class _Running:
     """An environment's current proposal."""
@@ -64,7 +68,6 @@ class RolloutEngine:
         self._memory = _copied(self._initial_memory)
         self._needs_reset = np.ones(self.n, dtype=bool)
         self._steps = np.zeros(self.n, dtype=np.int64)  # since the start of the episode
-        self._everyone = np.arange(self.n)
         self._penalty = task.failure_penalty
         self._parameter_names = (*self._space.names, *task.fixed)
         self._failures: dict[int, str] = {}  # why environments fail at this step
@@ -147,11 +150,10 @@ class RolloutEngine:
         self._failures, self._not_begun = self._not_begun, {}
         moves = active.copy()
         moves[list(self._failures)] = False
-        everyone = bool(moves.all())
-        commands, diagnostics = self._act(None if everyone else np.flatnonzero(moves))
+        commands, diagnostics = self._act(np.flatnonzero(moves))
         before = self._observations
         self._observations, _, terminated, truncated, infos = self._env.step(
-            commands, None if everyone else moves
+            commands, None if moves.all() else moves
         )
         costs, failures = infos["cost"], dict(infos.get("failures", {}))
         if self._penalty is not None:
@@ -242,75 +244,43 @@ class RolloutEngine:
         for name, value in row.items():
             self._memory[name][env_index] = value
 
-    def _act(self, env_indices: np.ndarray | None) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
-        """Return actions (n, m) and diagnostics; only `env_indices` act, if given."""
-        if env_indices is not None and not len(env_indices):
+    def _act(self, rows: np.ndarray) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
+        """Return actions (n, m) and diagnostics; those of environments not in `rows` are zero."""
+        if not len(rows):
             return np.zeros((self.n, *self._action_shape)), {}
-        if env_indices is None:
-            actions, memory, diagnostics = self._call(
-                self._parameters, self._observations, self._memory, self._everyone
-            )
+        some, memory, diagnostics = self._call(rows)
+        if len(rows) == self.n:
             self._memory = dict(memory)
-            return actions, diagnostics
-        some, memory, some_diagnostics = self._call(
-            {name: value[env_indices] for name, value in self._parameters.items()},
-            self._observations[env_indices],
-            {name: value[env_indices] for name, value in self._memory.items()},
-            env_indices,
-        )
+            return some, diagnostics
         self._memory = _copied(self._memory)
-        for name, rows in memory.items():
-            self._memory[name][env_indices] = rows
-        actions = np.zeros((self.n, *self._action_shape))
-        actions[env_indices] = some
-        return actions, {
-            name: _scatter(v, env_indices, self.n) for name, v in some_diagnostics.items()
-        }
+        for name, values in memory.items():
+            self._memory[name][rows] = values
+        actions = _scatter(some, rows, self.n)
+        return actions, {name: _scatter(v, rows, self.n) for name, v in diagnostics.items()}
 
-    def _call(
-        self,
-        parameters: Mapping[str, np.ndarray],
-        observations: np.ndarray,
-        memory: Mapping[str, np.ndarray],
-        env_indices: np.ndarray,
-    ) -> tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]:
+    def _call(self, rows: np.ndarray) -> _Answer:
         """Ask the controller; with a penalty, one that fails acts with zero."""
         # Asking one environment at a time shows which one fails; only a controller without
         # objects that remember may be asked twice.
-        if len(env_indices) == 1 or not self._live(0):
+        if len(rows) == 1 or not self._live(0):
             try:
-                return self._checked_call(parameters, observations, memory, env_indices)
+                return self._checked_call(rows)
             except ControllerError as error:
-                raised = error.__cause__ is not None
-                told = (
-                    str(error)
-                    if raised and len(env_indices) > 1
-                    else self._priced(error, str(error))
-                )
-                if len(env_indices) == 1:
-                    self._failures[int(env_indices[0])] = told
-                    return np.zeros((1, *self._action_shape)), memory, {}
-        parts = []
-        for row in range(len(env_indices)):
-            one = slice(row, row + 1)
-            parts.append(
-                self._call(
-                    {name: value[one] for name, value in parameters.items()},
-                    observations[one],
-                    {name: value[one] for name, value in memory.items()},
-                    env_indices[one],
-                )
-            )
-        return _joined(parts)
+                raised, told = error.__cause__ is not None, str(error)
+                if not raised or len(rows) == 1:
+                    told = self._priced(error, told)
+                if len(rows) == 1:
+                    self._failures[int(rows[0])] = told
+                    return np.zeros((1, *self._action_shape)), _taken(self._memory, rows), {}
+        return _joined([self._call(rows[k : k + 1]) for k in range(len(rows))])
 
-    def _checked_call(
-        self,
-        parameters: Mapping[str, np.ndarray],
-        observations: np.ndarray,
-        memory: Mapping[str, np.ndarray],
-        env_indices: np.ndarray,
-    ) -> tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]:
-        """Ask the controller, and see that its actions can be used."""
+    def _checked_call(self, rows: np.ndarray) -> _Answer:
+        """Ask the controller, and check that its actions can be used."""
+        parameters, observations = self._parameters, self._observations
+        memory: Mapping[str, np.ndarray] = self._memory
+        if len(rows) < self.n:
+            parameters, memory = _taken(parameters, rows), _taken(memory, rows)
+            observations = observations[rows]
         try:
             actions, memory, diagnostics = self._controller.act(parameters, observations, memory)
         except ZoacError:
@@ -318,21 +288,21 @@ class RolloutEngine:
         except Exception as error:
             raise ControllerError(
                 f"the controller raised {type(error).__name__}: {error}{self._nearest(error)}. "
-                f"{self._place(env_indices[0])}"
+                f"{self._place(rows[0])}"
             ) from error
         actions = np.asarray(actions, dtype=np.float64)
-        expected = (len(env_indices), *self._action_shape)
+        expected = (len(rows), *self._action_shape)
         if actions.shape != expected:
             raise ControllerError(
                 f"the controller returned actions of shape {actions.shape}, expected {expected} "
-                f"(environments, action size). {self._place(env_indices[0])}"
+                f"(environments, action size). {self._place(rows[0])}"
             )
         finite = np.isfinite(actions)
         if not finite.all():
-            row = int(np.flatnonzero(~finite.reshape(len(env_indices), -1).all(axis=1))[0])
+            row = int(np.flatnonzero(~finite.reshape(len(rows), -1).all(axis=1))[0])
             raise ControllerError(
                 f"the controller returned the action {actions[row].tolist()}; every number must "
-                f"be finite. {self._place(env_indices[row])}"
+                f"be finite. {self._place(rows[row])}"
             )
         return actions, memory, diagnostics
 
@@ -420,9 +390,7 @@ class RolloutEngine:
 REMEDY = "With failure_penalty=<cost>, such a step ends its episode at that cost instead of the run"
 
 
-def _joined(
-    parts: Sequence[tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]],
-) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
+def _joined(parts: Sequence[_Answer]) -> _Answer:
     """Return what environments answered one by one; diagnostics are zero where one failed."""
     actions = np.concatenate([a for a, _, _ in parts])
     memory = {name: np.concatenate([m[name] for _, m, _ in parts]) for name in parts[0][1]}
@@ -438,8 +406,12 @@ def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: np.array(value) for name, value in arrays.items()}
 
 
-def _scatter(rows: np.ndarray, env_indices: np.ndarray, n: int) -> np.ndarray:
-    rows = np.asarray(rows)
-    full = np.zeros((n, *rows.shape[1:]), rows.dtype)
-    full[env_indices] = rows
+def _taken(arrays: Mapping[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarray]:
+    return {name: value[rows] for name, value in arrays.items()}
+
+
+def _scatter(values: np.ndarray, rows: np.ndarray, n: int) -> np.ndarray:
+    values = np.asarray(values)
+    full = np.zeros((n, *values.shape[1:]), values.dtype)
+    full[rows] = values
     return full
