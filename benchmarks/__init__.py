@@ -1,1 +1,1 @@
-"""Speed, measured by hand and told in ratios of one run."""
+"""Measurements of speed, run by hand and reported as ratios within one run."""

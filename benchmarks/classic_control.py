@@ -1,9 +1,9 @@
 """Policies on Gymnasium's classic tasks: `python -m benchmarks.classic_control`.
 
-Tunes a linear policy, or one of eight tanh units where a linear one cannot do it, and prints the
-mean return of 100 held-out episodes beside returns that are published for other methods. Those are
-of single runs, chosen by their authors (RL Baselines3 Zoo, benchmark.md): read them as what is
-possible, not as a test of methods.
+Tune a linear policy, or one of eight tanh units where a linear one is not enough. Print the mean
+return of 100 held-out episodes beside returns published for other methods. The published returns
+are single runs chosen by their authors (RL Baselines3 Zoo, benchmark.md): they show what is
+possible and are not a test of methods.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from zoac.controllers.neural import linear, neural
 
 @dataclass(frozen=True)
 class Entry:
-    """A task, and what others reached.
+    """A task, with the published returns of other methods.
 
     Args:
         env: Gymnasium's id.
         hidden: Units of the policy; 0: a linear one.
         bound: Of the weights.
-        budget: Environment steps of ours.
+        budget: Environment steps for zoac.
         published: Per method, mean return and environment steps.
     """
 

@@ -1,7 +1,7 @@
 """Environment steps per second of serial and process executors: `python -m benchmarks.executors`.
 
-Drives ten environments of mpc_tracking at the nominal parameters through ZOAC-shaped iterations;
-the executors take turns, so that the ratio holds when the machine's speed drifts.
+Drive ten environments of mpc_tracking at the baseline parameters through iterations of ZOAC's
+shape. The executors take turns, so that the ratio stays valid when the machine's speed changes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Figures of the documentation: the same text whenever the same numbers are drawn."""
+"""Figures of the documentation: the same numbers give the same file."""
 
 from __future__ import annotations
 

@@ -1,11 +1,12 @@
-"""Speed of the MPC's ways, as ratios within one run: `python -m benchmarks.mpc`.
+"""Speed of several ways to compute the MPC, as ratios within one run: `python -m benchmarks.mpc`.
 
 All ways solve the same problems, ten at a time in turn, so that a busy machine slows all of them
-alike; medians over these tens, of CPU time per problem, are compared. One thread, parameters from
-the whole box. The default path takes the ten as environments side by side, as a run does. States
-are the starts of episodes or, with `--after`, those that the same parameters led to in so many
-steps. Each way takes a ten once uncounted, then up to eight times, of which the median counts: in a
-run its code and memory are in the caches, here another way has just driven them out.
+alike. The medians over these tens of CPU time per problem are compared, on one thread, with
+parameters from the whole box. The default path takes the ten as environments side by side, as a run
+does. States are the starts of episodes or, with `--after`, the states that the same parameters led
+to in so many steps. Each way takes a ten once uncounted, then up to eight times, of which the
+median counts. In a run its code and memory are in the caches; here another way has just displaced
+them.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ MAX_COUNTED, ENOUGH_SECONDS = 8, 0.05  # of a ten, for each way
 
 
 class Recorder(ClarabelSolver):
-    """Keeps the problems it is given."""
+    """Record the problems it receives."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -87,7 +88,7 @@ class Stopwatch:
 
 
 def solve_built_anew(problem: LinearisedProblem) -> None:
-    """State the problem as a textbook does, stage by stage with constants, and solve it."""
+    """Formulate the problem as a textbook does, stage by stage with constants, and solve it."""
     horizon, nx, nu = problem.b.shape[1:]
     x, u = cp.Variable((horizon + 1, nx)), cp.Variable((horizon, nu))
     states, inputs = problem.states[0], problem.inputs[0]

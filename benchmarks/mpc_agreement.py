@@ -1,6 +1,6 @@
-"""How near the MPC is to its nonlinear programme: `python -m benchmarks.mpc_agreement`.
+"""How close the MPC is to its nonlinear programme: `python -m benchmarks.mpc_agreement`.
 
-Reference: that programme solved to convergence by CasADi + IPOPT, written independently
+The reference is that programme solved to convergence by CasADi + IPOPT, written independently
 (tests/mpc_tracking/oracle.py). Actions are compared in the states that the reference visits, costs
 in each controller's own closed loop.
 """

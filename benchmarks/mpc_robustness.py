@@ -1,4 +1,4 @@
-"""Solves over the whole box, every status counted: `python -m benchmarks.mpc_robustness`."""
+"""Solve over the whole box and count every status: `python -m benchmarks.mpc_robustness`."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def random_observations(n: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def compare_paths(n: int) -> None:
-    """Print how far the Clarabel and CVXPY paths are apart, and both from the optimum."""
+    """Print the distance of the Clarabel and CVXPY paths from each other and from the optimum."""
     problem = tracking_problems(box_points(n, seed=0), seed=0)
     plans = [solver.solve(problem) for solver in (ClarabelSolver(), CvxpySolver())]
     fast, plain = (objective(problem, plan.inputs) for plan in plans)
@@ -52,7 +52,7 @@ def compare_paths(n: int) -> None:
 
 
 def stress(wanted: int) -> None:
-    """Plan from wild states until `wanted` programmes are solved; print what became of them."""
+    """Plan from random states until `wanted` programmes are solved; print every status."""
     rng = stream(0, "robustness")
     controller = TrackingMpc(ClarabelSolver())
     solves = retried = not_finite = 0

@@ -1,10 +1,10 @@
 """How the cost of an MPC step grows, and its curves: `python -m benchmarks.qp_scaling`.
 
-Horizon and states on random dense problems with two inputs, ten lanes, N 25 and six states where
-not varied; lanes on a thousand of the vehicle's programmes in closed loop, in calls of so many;
-workers on ten lanes of mpc_tracking at the nominal parameters. All ways take the same problems in
-turn; medians of CPU time per programme on one thread, for workers of wall time. Writes
-`docs/images/scaling_solver.svg`.
+Vary horizon and states on random dense problems with two inputs, ten lanes, N 25 and six states
+where not varied. Vary lanes on a thousand of the vehicle's programmes in closed loop, in calls of
+so many. Vary workers on ten environments of mpc_tracking at the baseline parameters. All ways take
+the same problems in turn. Print medians of CPU time per programme on one thread; for workers, of
+wall time. Write `docs/images/scaling_solver.svg`.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""Solvers of the MPC's quadratic programme, in ratios: `python -m benchmarks.qp_solvers`.
+"""Compare solvers of the MPC's quadratic programme, in ratios: `python -m benchmarks.qp_solvers`.
 
-The programmes are those of random parameters from the whole box in closed loop, three
+The programmes come from closed loops with random parameters from the whole box, three
 linearisations a step, ten lanes. Every solver takes the same ten in turn, so that a busy machine
-slows all alike; medians over the tens, of CPU time per programme on one thread, are compared.
-Only `riccati` and `clarabel` pay for turning the linearisation into their matrices: the
-others find theirs ready made, condensed or sparse, and pay for updating and solving.
+slows all alike. The medians over the tens of CPU time per programme on one thread are compared. The
+times of `riccati` and `clarabel` include turning the linearisation into their matrices. The other
+solvers receive ready-made matrices, condensed or sparse; their times are for updating and solving.
 
-With `--agreement N`: N programmes about random rollouts, each checked by the KKT conditions,
-against the condensed problem solved in 80-bit arithmetic from quadprog's active set, and against
+With `--agreement N`, check N programmes about random rollouts: by the KKT conditions, against the
+condensed problem solved in 80-bit arithmetic from quadprog's active set, and against
 Clarabel in the optimal value; one in a hundred against quadprog and DAQP as they are.
 """
 
@@ -45,7 +45,7 @@ LANES = 10
 
 
 class Recorder(Riccati):
-    """Keeps the problems that it solves."""
+    """Record the problems that it solves."""
 
     def __init__(self) -> None:
         super().__init__()

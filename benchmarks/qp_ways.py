@@ -1,9 +1,9 @@
-"""Every solver of the MPC's quadratic programme behind one face, for the benchmarks beside it.
+"""Give every solver of the MPC's quadratic programme one interface, for the benchmarks beside it.
 
-A way takes a problem of n lanes and returns a batch: calls that solve it, each returning plans less
-the rollout's inputs. Peers have one call a lane; matrices, condensed or sparse, are made before,
-so that the call pays for updating and solving alone. `riccati` and `clarabel` take all lanes in one
-call and pay for turning the linearisation into their matrices.
+A way takes a problem of n lanes and returns a batch: calls that solve it. Each call returns plans
+minus the rollout's inputs. Other solvers have one call per lane; their matrices, condensed or
+sparse, are made before, so the call is timed for updating and solving alone. `riccati` and
+`clarabel` take all lanes in one call, whose time includes building their matrices.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def inputs_of(problem: LinearisedProblem, v: np.ndarray) -> np.ndarray:
 
 
 def lane_by_lane(prepare: Callable[[LinearisedProblem, int], Callable[[], np.ndarray]]) -> Way:
-    """Return the way that has a call of its own for each lane."""
+    """Return the way that has one call for each lane."""
     return lambda problem: [prepare(problem, lane) for lane in range(len(problem.a))]
 
 
@@ -221,7 +221,7 @@ def osqp_way() -> Way:
 
 
 def hpipm_way() -> Way:
-    """HPIPM as CasADi's wheels bring it, without the conversions of CasADi's calls from Python."""
+    """HPIPM from CasADi's wheels, without the conversions of CasADi's calls from Python."""
     casadi = import_module("casadi")
     options = dict.fromkeys(("res_g_max", "res_b_max", "res_d_max", "res_m_max"), TOLERANCE)
     functions: dict[tuple[int, ...], Any] = {}
@@ -305,7 +305,7 @@ PEERS = {
 
 
 def installed(makers: Mapping[str, Callable[[], Way]]) -> dict[str, Way]:
-    """Return the ways whose packages are here, and print those whose are not."""
+    """Return the ways whose packages are installed; print the others."""
     ways = {}
     for name, make in makers.items():
         try:

@@ -1,6 +1,6 @@
 """Environment steps per second of the engine without learning: `python -m benchmarks.rollout`.
 
-Drives PID-ACC through ZOAC-shaped segments (10 steps) and through whole episodes, for several
+Drive PID-ACC through segments of ZOAC's length (10 steps) and through whole episodes, for several
 numbers of environments, in one process.
 """
 

@@ -1,10 +1,10 @@
 """How a tuner's throughput grows with environments and workers: `python -m
 benchmarks.scaling_model`.
 
-A discrete-event model of synchronous iterations: the tuner asks, every worker steps its group of
-environments through their segments while the tuner learns from the last ones, the slowest ends the
-iteration. It draws the figures of `docs/scaling.md` and, with `--measure`, is held to the executors
-themselves, driving an environment that sleeps instead of computing.
+A discrete-event model of synchronous iterations. The tuner asks; every worker steps its group of
+environments through their segments while the tuner learns from the last ones; the slowest worker
+ends the iteration. The model draws the figures of `docs/scaling.md`. `--measure` compares it with
+the executors themselves, with an environment that sleeps instead of computing.
 """
 
 from __future__ import annotations

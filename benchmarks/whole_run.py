@@ -1,11 +1,10 @@
 """Where the time of whole tuning runs goes: `python -m benchmarks.whole_run task=pid_acc`.
 
-Takes the overrides of `python -m zoac.run`, runs once in a temporary folder, and prints the
-seconds of the critic (the tuner's share), of solvers, of environments, of evaluation and of the
-rest. What environments take is known only where they run in this process (`executor=serial`).
-An override with several values (`mpc_solver=riccati,clarabel`) makes a run of each, one after the
-other, and prints how many times as long as the first the others took. A short run before each,
-which is not counted, loads and compiles.
+Take the overrides of `python -m zoac.run`, run once in a temporary folder, and print the seconds of
+the critic (the tuner's part), of solvers, of environments, of evaluation and of the rest. The time
+of environments is known only where they run in this process (`executor=serial`). An override with
+several values (`mpc_solver=riccati,clarabel`) makes one run for each value, and prints their times
+relative to the first. A short uncounted run before each loads and compiles.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A controller that remembers: PID on a drifting mass, from today's gains, with a limit to keep.
+"""A controller that remembers: a PID on a drifting mass, with baseline gains and a constraint.
 
 python examples/memory_controller.py         # writes gains.h for the target
 """

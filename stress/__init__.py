@@ -1,1 +1,1 @@
-"""Long proofs of the promises that tests check briefly; run by hand."""
+"""Long versions of what the tests check briefly, run by hand."""

@@ -1,7 +1,6 @@
 """Bad inputs and the message each one gets: `python -m stress.bad_inputs > docs/errors.md`.
 
-The same table is the test `tests/cli/test_bad_inputs.py`, which also sees that the page is not out
-of date.
+`tests/cli/test_bad_inputs.py` tests the same table, and that the page is up to date.
 """
 
 from __future__ import annotations
@@ -206,7 +205,11 @@ CASES = [
     Case("tuner=cmaes tuner.covariance=ful", ("'ful'", "did you mean 'full'")),
     Case("tuner=cmaes tuner.population=0", ("tuner.population=0", "greater than")),
     Case("tuner=bo tuner.acquisition=ubc", ("'ubc'", "did you mean 'ucb'")),
-    Case("tuner=es tuner.start=nominl", ("'nominl'", "did you mean 'nominal'")),
+    Case("tuner=es tuner.start=baselin", ("'baselin'", "did you mean 'baseline'")),
+    Case("initial_sigma=0", ("initial_sigma=0", "greater than 0")),
+    Case("tuner=random initial_sigma=0.1", ("initial_sigma=0.1", "no start and no sigma")),
+    Case("acceptance_test=2", ("acceptance_test=2", "less than")),
+    Case("select=best", ("select", "best_evaluated")),
     Case("tuner=random tuner.reevaluate_fraction=1.5",
          ("tuner.reevaluate_fraction=1.5", "less than")),
     Case("task.jerk=rat", ("task.jerk='rat'", "did you mean 'rate'")),
@@ -267,8 +270,8 @@ def page() -> str:
     lines = [
         "# Messages",
         "",
-        "What `python -m zoac.run` answers to bad input: one message, no traceback, an exit code",
-        "that is not 0. Written by `python -m stress.bad_inputs`.",
+        "The messages of `python -m zoac.run` for bad input. Each is one message without a",
+        "traceback, and the exit code is not 0. `python -m stress.bad_inputs` writes this page.",
     ]
     for case in CASES:
         if case.varies:

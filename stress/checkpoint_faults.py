@@ -83,7 +83,7 @@ class _Halting:
 
 
 def main() -> None:
-    """Die everywhere once."""
+    """Die once at every call."""
     argparse.ArgumentParser(description=__doc__).parse_args()
     die_at = 0
     while True:

@@ -1,8 +1,8 @@
 """Runs on a disk that fills up: `python -m stress.disk_full` (root on Linux: it mounts a tmpfs).
 
 The disk is filled while rows are logged, while checkpoints are written, and before the result is.
-The run must stop with a message and leave a readable folder; once there is room again it must end
-on the bits of a run that was never disturbed.
+The run must stop with a message and leave a readable folder. Once there is room again it must end
+with the same bits as an undisturbed run.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Kill runs at random instants and see that they end on the same bits: `python -m stress.kills`.
+"""Kill runs at random instants and compare their results, bit for bit: `python -m stress.kills`.
 
-For every pair of tuner and task, and for each executor, one run goes through untouched and one is
-killed (SIGKILL) again and again and launched anew each time: one kill in four anywhere while it
-starts, the others after it has moved on by at least one checkpoint. The final result and all
-evaluation rows must be equal to the last bit, clocks excepted. Runs are forked from this process,
-which has imported everything, and worker processes from their run: else nearly all the time would
-go into imports (`--own-workers` starts them as ever). POSIX only.
+For every pair of tuner and task, and for each executor, one run is undisturbed and one is killed
+(SIGKILL) and launched again many times. One kill in four comes while the run starts, the others
+after at least one new checkpoint. The final result and all evaluation rows must be equal to the
+last bit, clocks excepted. Runs are forked from this process, which has imported everything, and
+worker processes from their run; otherwise imports would take nearly all the time (`--own-workers`
+starts workers in the usual way). POSIX only.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def stamp(folder: Path) -> int:
 
 @dataclass
 class Tally:
-    """How often a run was killed, and how often after it had gone on from where it stood."""
+    """How often a run was killed, and how often after it had continued from a checkpoint."""
 
     kills: int = 0
     under_way: int = 0

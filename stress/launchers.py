@@ -1,6 +1,6 @@
 """One sweep of four runs through every launcher that is installed: `python -m stress.launchers`.
 
-The results must be equal to the last bit, clocks excepted; wall seconds are printed beside.
+The results must be equal to the last bit, clocks excepted. Prints wall seconds too.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Long load: `python -m stress.long_run`.
 
-Environment steps with parameters drawn uniformly over the mapped box, in segments of 50 steps, for
-both plants and every solver: exceptions, numbers that are not finite, and how the memory grows.
+Run both plants with every solver, in segments of 50 steps, with parameters drawn uniformly from the
+mapped box. Report exceptions, numbers that are not finite, and how the memory grows.
 """
 
 from __future__ import annotations
