@@ -55,7 +55,8 @@ def each_run(overrides: Sequence[str]) -> list[tuple[str, ...]]:
 def run(overrides: Sequence[str]) -> dict[str, Any]:
     """Make a run in a temporary folder, and return its result."""
     with tempfile.TemporaryDirectory() as folder:
-        config = compose_config([*overrides, f"runs_dir={folder}"])
+        here = [] if any(o.startswith("executor=") for o in overrides) else ["executor=serial"]
+        config = compose_config([*overrides, *here, f"runs_dir={folder}"])
         choices = config.hydra.runtime.choices
         return run_session(
             resolved(config), task=choices["task"], tuner=choices["tuner"], command=sys.argv

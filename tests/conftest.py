@@ -1,5 +1,6 @@
 """What all tests share."""
 
+import os
 import tempfile
 
 import pytest
@@ -8,6 +9,8 @@ from hypothesis import settings
 # A busy machine is no reason to fail, nor is the first call of what is compiled.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+# Tests run side by side.
+os.environ.setdefault("ZOAC_CORES", "1")
 
 
 @pytest.fixture(autouse=True)

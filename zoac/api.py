@@ -74,7 +74,7 @@ def tune(
     common_random_numbers: bool = False,
     failure_penalty: float | None = None,
     tuner_options: Mapping[str, Any] | None = None,
-    executor: str = "serial",
+    executor: str = "auto",
     eval_every: int | None = None,
     episodes: int = 10,
     final_episodes: int = 20,
@@ -124,7 +124,8 @@ def tune(
             environment raises, or returns what is not finite; None: that ends the run with a
             message. `result.record` counts `failures` and keeps the `first_failure`.
         tuner_options: By name, such as {"sigma": 0.05}.
-        executor: "serial" or "process".
+        executor: "auto" (worker processes where steps are slow enough to pay), "serial" or
+            "process".
         eval_every: Steps between evaluations; None: a tenth of the budget.
         episodes: Evaluation episodes during tuning.
         final_episodes: Evaluation episodes of the final figure.

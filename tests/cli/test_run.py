@@ -205,5 +205,5 @@ def test_options_of_the_search_are_told_where_they_belong(tmp_path):
 
 
 def test_a_choice_without_keys_names_the_other_choices(tmp_path):
-    done = zoac("executor.worker=2", cwd=tmp_path)
-    assert "executor=serial has no keys; choices: process, ray, serial" in done.stderr
+    done = zoac("executor=serial", "executor.worker=2", cwd=tmp_path)
+    assert "executor=serial has no keys; choices: auto, process, ray, serial" in done.stderr

@@ -24,6 +24,7 @@ STATE = """
             "threads": torch.get_num_threads(),
             "dtype": str(torch.get_default_dtype()),
             "gradients": torch.is_grad_enabled(),
+            "products": [torch.get_float32_matmul_precision(), torch.backends.mkldnn.enabled],
             "torch random": torch.random.get_rng_state().sum().item(),
             "random": str(np.random.get_state()[1][:5]) + str(np.random.get_state()[2]),
             "errors": np.geterr(),
@@ -37,6 +38,7 @@ STATE = """
             "classes": [sorted((k, id(v)) for k, v in vars(c).items()) for c in LIBRARIES],
         }
 
+    torch.optim.Adam([torch.zeros(1)])  # the first one makes PyTorch set itself up
     torch.set_num_threads(2)
     np.random.seed(7)
     before = state()
@@ -104,9 +106,14 @@ BITS = """
 
 DEFAULTS = {
     "double precision": "torch.set_default_dtype(torch.float64)",
+    "half precision": "torch.set_default_dtype(torch.bfloat16)",
+    "coarse products": "torch.set_float32_matmul_precision('medium')",
+    "mixed precision": "torch.autocast('cpu', dtype=torch.bfloat16).__enter__()",
     "no gradients": "torch.set_grad_enabled(False)",
+    "inference": "torch.inference_mode().__enter__()",
     "a device that computes nothing": "torch.set_default_device('meta')",
     "errors of numpy": "np.seterr(all='raise')",
+    "warnings are errors": "warnings.simplefilter('error')",
     "one thread": "torch.set_num_threads(1)",
     "another seed": "np.random.seed(99); torch.manual_seed(99)",
 }

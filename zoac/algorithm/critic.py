@@ -19,17 +19,21 @@ _FLOAT: dict[str, Any] = {"dtype": torch.float32, "device": "cpu"}
 
 @contextmanager
 def _own_settings() -> Iterator[None]:
-    """Compute on one thread and without autograd; the caller's own settings stay.
+    """Compute on one thread, in full precision, without autograd; the caller's own settings stay.
 
-    The number of threads changes the order of sums and so the bits.
+    The number of threads changes the order of sums and so the bits. Without oneDNN, products of
+    float32 stay float32 whatever `torch.set_float32_matmul_precision` was told.
     """
-    threads = torch.get_num_threads()
+    onednn: Any = torch.backends.mkldnn
+    threads, enabled = torch.get_num_threads(), onednn.enabled
     torch.set_num_threads(1)
+    onednn.enabled = False
     try:
         with torch.inference_mode():
             yield
     finally:
         torch.set_num_threads(threads)
+        onednn.enabled = enabled
 
 
 class Critic:

@@ -23,6 +23,9 @@ class Executor(ABC):
     An executor that waits for other processes calls `background_update` once in that time.
     """
 
+    tell: Callable[[str], None] = staticmethod(print)
+    """Takes what a user should know, such as a choice that was made."""
+
     @abstractmethod
     def start(self, task: Task, num_envs: int, seed: int) -> None:
         """Make `num_envs` environments of `task`, with random streams from the run's `seed`."""

@@ -78,8 +78,17 @@ class Pool(Executor):
     def __init__(self) -> None:
         self._workers: list[Handle] = []
 
+    def start(self, task: Task, num_envs: int, seed: int) -> None:
+        """See `Executor.start`."""
+        self.launch(task, num_envs, seed)
+        self.wait()
+
     @abstractmethod
-    def _launch(self, task: Task, env_indices: list[int], seed: int) -> Handle:
+    def launch(self, task: Task, num_envs: int, seed: int) -> None:
+        """Begin to start the workers, without waiting for them."""
+
+    @abstractmethod
+    def _worker(self, task: Task, env_indices: list[int], seed: int) -> Handle:
         """Begin to start a worker for a group of environments."""
 
     def _start_workers(self, task: Task, num_envs: int, seed: int, workers: int) -> None:
@@ -87,14 +96,14 @@ class Pool(Executor):
         self._workers = []
         try:
             for part in np.array_split(np.arange(num_envs), min(workers, num_envs)):
-                self._workers.append(self._launch(task, part.tolist(), seed))
+                self._workers.append(self._worker(task, part.tolist(), seed))
         except BaseException:
             self.close()
             raise
         self._worker_of = {env_index: w for w in self._workers for env_index in w.env_indices}
 
-    def _wait(self) -> None:
-        """Wait until all workers are ready; where one is not, end all."""
+    def wait(self) -> None:
+        """Wait until all workers are ready; where one cannot be started, end all."""
         try:
             for worker in self._workers:
                 worker.ready()

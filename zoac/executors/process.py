@@ -27,20 +27,31 @@ class Process(Pool):
     ) -> None:
         """
         Args:
-            workers: Number of processes; None: one a processor core.
+            workers: Number of processes; None: one a core that this process may use.
             attempts: How often the same work may be begun before the run is given up.
         """
         super().__init__()
-        self._count = workers or os.cpu_count() or 1
+        self._count = workers
         self._attempts = attempts
 
-    def start(self, task: Task, num_envs: int, seed: int) -> None:
-        """See `Executor.start`."""
-        self._start_workers(task, num_envs, seed, self._count)
-        self._wait()
+    def launch(self, task: Task, num_envs: int, seed: int) -> None:
+        """See `Pool.launch`."""
+        self._start_workers(task, num_envs, seed, self._count or usable_cores())
 
-    def _launch(self, task: Task, env_indices: list[int], seed: int) -> Handle:
+    def _worker(self, task: Task, env_indices: list[int], seed: int) -> Handle:
         return _ProcessHandle(task, env_indices, seed, self._attempts)
+
+
+def usable_cores() -> int:
+    """Return how many processor cores this process may use.
+
+    A launcher that runs jobs side by side tells each its share in the variable ZOAC_CORES.
+    """
+    if (part := os.environ.get("ZOAC_CORES", "")).isdecimal():
+        return max(1, int(part))
+    if sys.platform == "linux":
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 class _ProcessHandle(Handle):

@@ -46,8 +46,8 @@ class Ray(Pool):
         self._address, self._cores = address, cores_per_worker
         self._mine = False
 
-    def start(self, task: Task, num_envs: int, seed: int) -> None:
-        """See `Executor.start`.
+    def launch(self, task: Task, num_envs: int, seed: int) -> None:
+        """See `Pool.launch`.
 
         Raises:
             ConfigError: If there is no cluster at `address`, or it has too few cores.
@@ -63,7 +63,6 @@ class Ray(Pool):
         # Shipped once, not once an actor; kept here, for a restart needs it again.
         self._task = ray.put(task)
         self._start_workers(task, num_envs, seed, workers)
-        self._wait()
 
     def _connect(self) -> None:
         """Use the Ray that this process is connected to already, or connect."""
@@ -82,7 +81,7 @@ class Ray(Pool):
             ) from error
         self._mine = True
 
-    def _launch(self, task: Task, env_indices: list[int], seed: int) -> Handle:
+    def _worker(self, task: Task, env_indices: list[int], seed: int) -> Handle:
         return _ActorHandle(self._task, env_indices, seed, self._attempts, self._cores)
 
     def close(self) -> None:

@@ -190,6 +190,8 @@ def execute(run: Run, folder: Path, again: str = "the same command") -> dict[str
         _tell_what_differs(folder, record)
         log = RunLog(folder, record, run.loggers)
         _tell_remarks(run.task)
+        if run.quiet:
+            run.executor.tell = lambda _: None
         try:
             run.executor.start(run.task, run.settings.num_envs, run.settings.seed)
             # A caller's `np.seterr(all="raise")` is not for what zoac computes.
