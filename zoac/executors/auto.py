@@ -19,10 +19,10 @@ import numpy as np
 
 from zoac.core.errors import UnsavableError, WorkerError
 from zoac.core.segments import Proposal, Segment
-from zoac.rollout.task import Task
 from zoac.core.types import Count
 from zoac.executors.base import Executor, Serial, nothing
 from zoac.executors.process import Process, usable_cores
+from zoac.rollout.task import Task
 
 PATIENCE = 1.0
 """Seconds of rollouts before workers are thought of: about what it costs to start them."""
@@ -238,7 +238,7 @@ class Auto(Executor):
 
 
 def _batches(proposals: Sequence[Proposal]) -> Iterable[list[int]]:
-    """Return the indices of every environment's first proposal, of every environment's second, and so on."""
+    """Return the indices of each environment's first proposals, of the second ones, ..."""
     batches: dict[int, list[int]] = defaultdict(list)
     before: Counter[int] = Counter()
     for index, proposal in enumerate(proposals):
