@@ -6,7 +6,7 @@ import pytest
 import zoac
 from tests import support
 from zoac.core.errors import ControllerError
-from zoac.executors import auto
+from zoac.executors import auto as automatic
 from zoac.executors.auto import Auto
 from zoac.executors.base import Serial
 
@@ -16,10 +16,10 @@ STATE = {"offset": 0.0}
 @pytest.fixture
 def eager(monkeypatch):
     """Have workers started after the second batch, however fast it was, and kept."""
-    monkeypatch.setattr(auto, "PATIENCE", 0.0)
-    monkeypatch.setattr(auto, "SLOW", 0.0)
-    monkeypatch.setattr(auto, "TRIAL", 0.0)
-    monkeypatch.setattr(auto, "GAIN", np.inf)
+    monkeypatch.setattr(automatic, "PATIENCE", 0.0)
+    monkeypatch.setattr(automatic, "SLOW", 0.0)
+    monkeypatch.setattr(automatic, "TRIAL", 0.0)
+    monkeypatch.setattr(automatic, "GAIN", np.inf)
 
 
 @pytest.fixture
@@ -74,27 +74,27 @@ def test_workers_take_over_and_the_numbers_are_those_of_this_process(auto, eager
 
 
 def test_workers_that_are_no_faster_hand_back(auto, eager, monkeypatch):
-    monkeypatch.setattr(auto, "GAIN", 0.0)
+    monkeypatch.setattr(automatic, "GAIN", 0.0)
     assert same_as_serial(auto, support.CountingTask())
     assert auto.said[-1].endswith("are no faster: everything runs in this process")
 
 
 def test_fast_steps_stay_in_this_process(auto, monkeypatch):
-    monkeypatch.setattr(auto, "PATIENCE", 0.0)
+    monkeypatch.setattr(automatic, "PATIENCE", 0.0)
     rolled_out(auto, support.CountingTask())
     assert len(auto.said) == 1
     assert "too short to pay" in auto.said[0]
 
 
 def test_slow_steps_leave_this_process(auto, monkeypatch):
-    monkeypatch.setattr(auto, "PATIENCE", 0.0)
+    monkeypatch.setattr(automatic, "PATIENCE", 0.0)
     monkeypatch.setattr(support.SlowTask, "seconds", 0.002)
     rolled_out(auto, support.SlowTask(), rounds=1)
     assert "worker processes take over" in auto.said[0]
 
 
 def test_nothing_is_started_before_it_can_pay(auto, monkeypatch):
-    monkeypatch.setattr(auto, "PATIENCE", 100.0)
+    monkeypatch.setattr(automatic, "PATIENCE", 100.0)
     rolled_out(auto, support.SlowTask(), rounds=1)
     assert (auto.said, auto._starting) == ([], None)
 
@@ -164,7 +164,7 @@ def test_a_run_ends_on_the_same_bits_stopped_before_and_after_the_move(
 
     def tune(executor, stop=None, moves=True):
         stopping(stop)
-        monkeypatch.setattr(auto, "PATIENCE", 0.0 if moves else np.inf)
+        monkeypatch.setattr(automatic, "PATIENCE", 0.0 if moves else np.inf)
         return zoac.tune(
             task=zoac.make_task(task, max_episode_steps=20), budget=800, num_envs=4, episodes=2,
             final_episodes=2, executor=executor, folder=tmp_path / executor,
