@@ -101,7 +101,7 @@ def _numbers(space: ParameterSpace) -> list[str]:
 
 
 def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> Figure:
-    """Return a figure with two panels a parameter, which share its axis: evolution, and cost."""
+    """Return a figure with two panels per parameter on one axis: evolution and cost."""
     pairs = min(2 if len(slices) <= 4 else 3, len(slices))
     rows = -(-len(slices) // pairs)
     width = style.COLUMN if pairs == 1 else style.PAGE
@@ -124,7 +124,7 @@ def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> Figure:
 
 def _draw_evolution(axes: Axes, runs: Sequence[Run], parameter: Parameter, bottom: bool) -> None:
     for k, run in enumerate(runs):
-        # A compact form keeps the final parameters only.
+        # The compact format keeps only the final parameters.
         rows = [row for row in run.metrics if row["kind"] == "eval" and "parameters" in row]
         steps = [row["env_steps"] for row in rows]
         values = [row["parameters"][parameter.name] for row in rows]
@@ -158,7 +158,7 @@ def _draw_cost(axes: Axes, part: Slice, bottom: bool) -> None:
     if mean.min() > 0 and mean.max() > 20 * mean.min():
         axes.set_xscale("log")
     else:
-        # A parameter that hardly matters must look as if it hardly mattered.
+        # The line of a parameter that hardly matters must look flat.
         span = max(float(np.ptp(mean)), MIN_SPAN * abs(float(mean.min())))
         axes.set_xlim(mean.min() - 0.1 * span, mean.min() + 1.1 * span)
         axes.xaxis.set_major_locator(MaxNLocator(2))

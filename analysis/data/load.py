@@ -1,4 +1,4 @@
-"""Run folders, read. What a run is stands in its files, never in a folder's name."""
+"""Read run folders. The files identify a run; the name of its folder does not matter."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NEEDED = {
     METRICS: ("kind", "env_steps", "wall_seconds"),
     RESULT: (*IDENTITY, "env_steps", "cost_per_episode", "parameters", "wall_seconds"),
 }
-"""Keys without which a file says too little."""
+"""Keys that each file must have."""
 
 
 def load(root: str | Path, *, trust_code: bool = False) -> Collection:

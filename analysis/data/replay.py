@@ -1,6 +1,6 @@
-"""Controllers of logged runs, driven once more: for landscapes and closed-loop plots.
+"""Roll out the controllers of logged runs again, for landscapes and closed-loop plots.
 
-The only part of this package that meets an environment.
+Only this module of the package steps environments.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from zoac.rollout.task import Task
 if TYPE_CHECKING:
     from zoac.envs.base import VecEnv
 
-NUM_ENVS = 256
-"""Most environments side by side."""
+MAX_ENVS = 256
+"""Largest number of environments side by side."""
 
 
 def rebuild(run: Run) -> Task:
@@ -38,18 +38,18 @@ def rebuild(run: Run) -> Task:
 
 def demonstrate(task: Task, controllers: Sequence[Mapping[str, float]]) -> list[Segment]:
     """Return the task's demonstration episode under each of the named parameter sets."""
-    num_envs = range(len(controllers))
-    group = RolloutEngine(_Demonstration(task), num_envs, [0] * len(controllers))
+    indices = range(len(controllers))
+    group = RolloutEngine(_Demonstration(task), indices, [0] * len(controllers))
     try:
         return group.rollout(
-            [Proposal(task.space.normalise(controllers[k]), env_index=k) for k in num_envs]
+            [Proposal(task.space.normalise(controllers[k]), env_index=k) for k in indices]
         )
     finally:
         group.close()
 
 
 def settled(task: Task, segments: Sequence[Segment]) -> int:
-    """Return the step after which no trace moves by more than 1% of its range, and some more."""
+    """Return a step shortly after the last one at which a trace is 1% of its range off its end."""
     latest = 0
     for trace in (trace for segment in segments for trace in task.traces(segment)):
         moving = np.flatnonzero(np.abs(trace.y - trace.y[-1]) > 0.01 * np.ptp(trace.y))
@@ -58,9 +58,9 @@ def settled(task: Task, segments: Sequence[Segment]) -> int:
 
 
 def costs(task: Task, points: np.ndarray, episodes: int, seed: int) -> np.ndarray:
-    """Return the cost of each mapped point (P, d) in each evaluation episode, (P, E)."""
+    """Return the cost of each normalised point (P, d) in each evaluation episode, (P, E)."""
     proposals = [p for x in points for p in evaluation_proposals(x, episodes, seed)]
-    num_envs = min(NUM_ENVS, len(proposals))
+    num_envs = min(MAX_ENVS, len(proposals))
     group = RolloutEngine(task, range(num_envs), [0] * num_envs)
     try:
         segments = group.rollout(
@@ -80,7 +80,7 @@ def before(run: Run) -> dict[str, float] | None:
 
 
 class _Demonstration(Task):
-    """A task whose every episode is its demonstration."""
+    """A task in which every episode is the demonstration."""
 
     def __init__(self, task: Task) -> None:
         self.space = task.space
@@ -95,7 +95,7 @@ class _Demonstration(Task):
 
 
 class _DemonstrationEnv:
-    """An environment that resets to its demonstration; all else is the environment's own."""
+    """An environment that resets to its demonstration and forwards everything else."""
 
     def __init__(self, env: VecEnv) -> None:
         self._env = env

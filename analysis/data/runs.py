@@ -1,4 +1,4 @@
-"""A run, read; and what a folder of them holds."""
+"""Runs and collections of runs, read from their folders."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from zoac.core.errors import RunFolderError, suggest
 
 
 class Method(NamedTuple):
-    """What is averaged over seeds."""
+    """Task, tuner and variant: runs of one method differ in their seeds only."""
 
     task: str
     tuner: str
@@ -27,13 +27,13 @@ class Method(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One run folder, read.
+    """One run.
 
     Args:
-        folder: Where it lies.
-        identity: run.json.
-        metrics: The lines of metrics.jsonl.
-        result: result.json; None while the run is not finished.
+        folder: The run folder.
+        identity: Content of run.json.
+        metrics: Records of metrics.jsonl.
+        result: Content of result.json; None while the run is not finished.
         trusted: Whether a replay may load code that is not zoac's own.
     """
 
@@ -111,7 +111,7 @@ class Skipped(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Collection:
-    """All that lies below one folder.
+    """All runs below one folder.
 
     Args:
         runs: Every run that could be read, finished or not, in order of identity.
@@ -173,7 +173,7 @@ class Collection:
 
 
 WITHOUT_VARIANT = "none"
-"""What runs without a variant are called where variants are chosen."""
+"""Name by which runs without a variant are chosen."""
 
 
 def variants(runs: Iterable[Run]) -> list[str]:
@@ -200,5 +200,5 @@ def by_method(runs: Iterable[Run]) -> dict[Method, list[Run]]:
 
 
 def order(run: Run) -> tuple[str, str, str, int]:
-    """Return what runs are sorted by."""
+    """Return the sort key of runs."""
     return run.method.task, run.method.tuner, run.method.variant or "", run.seed

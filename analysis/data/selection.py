@@ -1,4 +1,4 @@
-"""Which runs stand for a method in a figure that shows single runs."""
+"""Choose the runs that represent their methods in figures of single runs."""
 
 from __future__ import annotations
 

@@ -122,7 +122,7 @@ def table(lines: Sequence[Sequence[str]]) -> str:
 
 
 def keys(names: Sequence[str]) -> str:
-    """Return what the marks of `placed` mean."""
+    """Return a legend for the marks of `placed`."""
     marks = (f'<span class="range"><i class="{n}" style="left:6px"></i></span>{n}' for n in names)
     return f'<div class="keys">{"".join(f"<span>{mark}</span>" for mark in marks)}</div>\n'
 
@@ -136,7 +136,7 @@ def placed(places: Mapping[str, float]) -> str:
 
 
 def tiles(values: Sequence[tuple[str, str]]) -> str:
-    """Return a row of numbers, each with what it is."""
+    """Return a row of numbers with their names."""
     cells = "".join(f'<div class="tile"><b>{v}</b><span>{what}</span></div>' for what, v in values)
     return f'<div class="tiles">{cells}</div>\n'
 
@@ -182,9 +182,9 @@ def picture(made: Figure, name: str, label: str, caption: str = "") -> str:
 
     Args:
         made: The figure.
-        name: Must differ between the pictures of a page: ids within the SVG derive from it.
-        label: What it shows, for those who cannot see it.
-        caption: Said below it.
+        name: Unique name on the page, from which the ids in the SVG derive.
+        label: Description for screen readers.
+        caption: Text below the picture.
     """
     svg = style.image(made, "svg", salt=name).decode()
     svg = svg[svg.index("<svg") :]

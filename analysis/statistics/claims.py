@@ -1,4 +1,4 @@
-"""What the data say about each pair of methods, and what they do not."""
+"""Claims about pairs of methods that the data support."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from zoac.core.seeding import stream
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """What the data say about two methods.
+    """The comparison of two methods.
 
     Args:
         first: Label of one method.
         second: Label of the other.
-        difference: Mean cost of the first less that of the second, paired.
+        difference: Mean cost of the first minus that of the second, paired.
         improvement: Probability that a seed of the first costs less; None if one is not tuned.
     """
 

@@ -1,15 +1,13 @@
 """Statistics of a handful of seeds: how large a difference is, and how far to trust it.
 
-Every run of a task meets the same evaluation episodes, so costs form a crossed table, seeds by
-episodes. Its two levels are resampled together: seeds as the outer level, drawn anew for each
-method, and episodes as the inner one, drawn once for everything that is compared. That keeps
-differences between methods paired.
+All runs of a task have the same evaluation episodes, so costs form a crossed table, seeds by
+episodes. Both levels are resampled: seeds separately for each method, episodes once for all methods
+that are compared. Differences between methods stay paired.
 
 An interval is a percentile interval, widened for few seeds (Hesterberg, The American Statistician
 69 (2015) 371): its tails are those of a normal at t sqrt(n / (n - 1)), with t the Student quantile
-for n seeds. A plain one of five normal seeds, meant to hold the truth 95 times out of 100, holds
-it 84 times, this one 92 times. Below five seeds even the range of the seeds would promise too
-much, so there is no interval.
+for n seeds. For five normal seeds, a plain 95% interval covers the true value in 84% of the cases
+and this interval in 92%. For fewer than five seeds there is no interval.
 """
 
 from __future__ import annotations
@@ -41,9 +39,9 @@ class Scores:
     """Costs of one method.
 
     Args:
-        costs: (S, E), seeds by shared evaluation episodes.
+        costs: (S, E), seeds by common evaluation episodes.
         tuned: Whether seeds differ by chance. A controller that was not tuned is the same for
-            every seed, so only its episodes limit the confidence.
+            every seed, so only the episodes limit the confidence.
 
     Raises:
         ValueError: If `costs` is not a table or holds a number that is not finite.
@@ -66,7 +64,7 @@ class Scores:
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """An estimate and the confidence interval around it; NaN bounds where the data carry none."""
+    """An estimate and its confidence interval; NaN bounds if the data are too few for one."""
 
     estimate: float
     low: float
@@ -74,11 +72,11 @@ class Interval:
 
     @property
     def exists(self) -> bool:
-        """Whether the data carry an interval at all: four tuned seeds do not."""
+        """Whether the data are enough for an interval."""
         return bool(np.isfinite(self.low) and np.isfinite(self.high))
 
     def side(self, of: float = 0.0) -> Literal[-1, 0, 1]:
-        """Return -1 or 1 where the whole interval lies below or above `of`, else 0: no claim."""
+        """Return -1 or 1 if the whole interval lies below or above `of`, else 0."""
         if self.exists and self.high < of:
             return -1
         if self.exists and self.low > of:
@@ -109,7 +107,7 @@ def interquartile_mean(values: np.ndarray) -> np.ndarray:
     ordered = np.sort(values, axis=-1)
     n = ordered.shape[-1]
     ranks = np.arange(n)
-    # Overlap of each value's share [i, i + 1] of the ranks with the middle half.
+    # Overlap of the rank interval [i, i + 1] of each value with the middle half.
     weights = np.clip(np.minimum(ranks + 1, 0.75 * n) - np.maximum(ranks, 0.25 * n), 0.0, None)
     return ordered @ (weights / weights.sum())
 
@@ -151,7 +149,7 @@ def probability_of_improvement(a: np.ndarray, b: np.ndarray, *, level: float = 0
     """Return the probability that a seed of `a` costs less than one of `b`; ties count half.
 
     The interval is a score interval, Newcombe, Statistics in Medicine 25 (2006) 559, method 5:
-    unlike a bootstrap it stays honest where the two do not overlap at all.
+    unlike a bootstrap it stays valid where the two samples do not overlap at all.
 
     Args:
         a: Costs per seed, (m,).
@@ -176,7 +174,7 @@ def step_value(
 ) -> float:
     """Return the last of `values` that was measured within `budget`, NaN if there is none.
 
-    Between two evaluations the earlier one holds: a later one was not yet paid for.
+    Between two evaluations the earlier one counts.
     """
     index = int(np.searchsorted(np.asarray(steps), budget, side="right")) - 1
     return float(values[index]) if index >= 0 else float("nan")
@@ -185,7 +183,7 @@ def step_value(
 def _bootstrap(
     groups: Sequence[Scores], rng: np.random.Generator, statistic: Statistic, resamples: int
 ) -> list[np.ndarray]:
-    """Return `statistic` of each group in each resample, (R,), episodes drawn in common."""
+    """Return `statistic` of each group in each resample, (R,), with common episodes."""
     episodes = {group.costs.shape[1] for group in groups}
     if len(episodes) > 1:
         raise ValueError(f"paired costs need the same episodes, got {sorted(episodes)} of them")

@@ -22,9 +22,9 @@ DIVERGED = 1e3
 TERMINATION_COST = 1e4
 
 
-def optimal_gain() -> np.ndarray:
-    """Return K (2,) of u = -K x, which is best for an endless episode."""
-    p = solve_discrete_are(A, B, Q, R)
+def optimal_gain(weights: np.ndarray = Q) -> np.ndarray:
+    """Return the gain K (2,) of u = -K x that is optimal for state weights (2, 2) and no end."""
+    p = solve_discrete_are(A, B, weights, R)
     return np.linalg.solve(R + B.T @ p @ B, B.T @ p @ A)[0]
 
 
@@ -59,7 +59,7 @@ class LqrVecEnv(ArrayVecEnv):
         )
 
     def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        # Written out: a matrix product works across environments.
+        # Written out, because the bits of a matrix product depend on the other environments.
         x, v, u = self._x[:, 0].copy(), self._x[:, 1].copy(), actions[:, 0]
         cost = Q[0, 0] * x * x + Q[1, 1] * v * v + R[0, 0] * u * u
         # An environment past its time limit goes on with its last draw.

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from zoac.core.controller import Controller, Diagnostics, Memory, Parameters
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.types import Count, NonNegative
 from zoac.rollout.task import Task
-from zoac.tasks.lqr.plant import A, B, LqrVecEnv, Q, R, optimal_gain
+from zoac.tasks.lqr.plant import LqrVecEnv, Q, optimal_gain
 
 GAINS = ParameterSpace(
     [Parameter("k_x", 0.0, 10.0, unit="1/s^2"), Parameter("k_v", 0.0, 10.0, unit="1/s")]
@@ -37,9 +37,6 @@ class StateFeedback:
 class Regulator:
     """The best gains for state weights diag(q_x, q_v), beside the plant's weight on the input."""
 
-    def __init__(self) -> None:
-        self._known: dict[tuple[float, float], np.ndarray] = {}
-
     def init(self, n: int) -> Memory:
         """Return the empty memory."""
         return {}
@@ -49,17 +46,13 @@ class Regulator:
     ) -> tuple[np.ndarray, Memory, Diagnostics]:
         """Return u (n, 1) [m/s^2]."""
         weights = zip(params["q_x"].tolist(), params["q_v"].tolist(), strict=True)
-        gains = np.stack([self._gain(pair) for pair in weights])
+        gains = np.stack([_gain(pair) for pair in weights])
         return -(gains * obs).sum(axis=1, keepdims=True), memory, {}
 
-    def _gain(self, weights: tuple[float, float]) -> np.ndarray:
-        # A function of the weights alone, kept because they last for many steps.
-        if weights not in self._known:
-            if len(self._known) > 10_000:
-                self._known.clear()
-            p = solve_discrete_are(A, B, np.diag(weights), R)
-            self._known[weights] = np.linalg.solve(R + B.T @ p @ B, B.T @ p @ A)[0]
-        return self._known[weights]
+
+@lru_cache(maxsize=10_000)  # weights stay the same for many steps
+def _gain(weights: tuple[float, float]) -> np.ndarray:
+    return optimal_gain(np.diag(weights))
 
 
 class Lqr(Task):

@@ -82,7 +82,7 @@ def test_environments_may_be_fewer_than_episodes(
     points = np.zeros((3, 4))
     points[:, 0] = (-1.0, 0.0, 1.0)
     wide = replay.costs(task, points, 3, seed=0)
-    monkeypatch.setattr(replay, "NUM_ENVS", 2)
+    monkeypatch.setattr(replay, "MAX_ENVS", 2)
     np.testing.assert_array_equal(replay.costs(task, points, 3, seed=0), wide)
 
 
