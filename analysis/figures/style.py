@@ -52,7 +52,6 @@ _SHARED: dict[str, Any] = {
     "lines.linewidth": 1.2,
     "lines.markersize": 3.2,
     "legend.frameon": False,
-    "axes.unicode_minus": True,
 }
 _PAPER = {
     **_SHARED,
