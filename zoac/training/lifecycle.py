@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import errno
 import json
-import os
-import platform
 import re
 import shutil
 import signal
-import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -30,15 +25,11 @@ from zoac.executors.base import Executor
 from zoac.loggers.base import Logger
 from zoac.loggers.console import Console
 from zoac.rollout.task import Task
-from zoac.runs import schema
+from zoac.runs import provenance, schema
 from zoac.runs.lock import HeldError, locked
 from zoac.runs.log import RunLog
 from zoac.training.lifeline import is_cut
 from zoac.training.trainer import Trainer
-
-PACKAGES = (
-    "zoac", "numpy", "torch", "gymnasium", "hydra-core", "cvxpy", "clarabel", "numba", "nevergrad",
-)  # fmt: skip
 
 
 def run_folder(config: Mapping[str, Any], task: str, tuner: str) -> Path:
@@ -276,24 +267,13 @@ def _tell_what_differs(folder: Path, record: Mapping[str, Any]) -> None:
     """Say that a run goes on with other code or on another processor, which may round otherwise."""
     if not (folder / schema.CHECKPOINTS).exists():
         return
-    then, now = _origin(schema.read_run(folder)), _origin(record)
-    changed = [name for name in {**then, **now} if then.get(name) != now.get(name)]
+    changed = provenance.differences(schema.read_run(folder), record)
     if changed:
-        told = [f"{name} {now.get(name)}, at first {then.get(name)}" for name in changed]
         print(
             "this run goes on elsewhere than it began, so perhaps not to the same bits: "
-            + "; ".join(told),
+            + "; ".join(changed),
             file=sys.stderr,
         )
-
-
-def _origin(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a run's bits depend on besides its configuration, from its `run.json`."""
-    versions, machine = (
-        part if isinstance(part := record.get(key), Mapping) else {}
-        for key in ("versions", "machine")
-    )
-    return {**versions, "processor": machine.get("processor"), "commit": record.get("commit")}
 
 
 def _empty(folder: Path) -> None:
@@ -369,50 +349,5 @@ def _run_record(run: Run) -> dict[str, Any]:
         "parameters": [asdict(p) for p in run.task.space.parameters],
         "fixed": dict(run.task.fixed),
         "nominal": None if baseline is None else dict(baseline),
-        "versions": _versions(),
-        "commit": _commit(),
-        "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "machine": {
-            "system": platform.platform(),
-            "processor": _processor(),
-            "cores": os.cpu_count(),
-        },
+        **provenance.here_and_now(),
     }
-
-
-def _processor() -> str:
-    """Name the processor: libraries choose their code by its model, and with it their rounding."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        lines = []
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return next(filter(None, models), platform.processor() or platform.machine())
-
-
-def _versions() -> dict[str, str]:
-    versions = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            versions[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:  # a clone without an installed package
-            continue
-    return versions
-
-
-def _commit() -> str | None:
-    """Return the commit of the clone that this package runs from, "+" behind it if changed."""
-    root = Path(__file__).parent.parent
-    if not (root / ".git").exists():
-        return None
-    try:
-        git = ["git", "-C", str(root)]
-        commit = subprocess.run(
-            [*git, "rev-parse", "HEAD"], capture_output=True, text=True, check=True, timeout=10
-        ).stdout.strip()
-        changed = subprocess.run(
-            [*git, "status", "--porcelain", "-uno"], capture_output=True, text=True, timeout=10
-        ).stdout.strip()
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return commit + ("+" if changed else "")

@@ -1,0 +1,87 @@
+"""What `run.json` keeps of code and machine: versions, commit, processor."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+PACKAGES = (
+    "zoac", "numpy", "torch", "gymnasium", "hydra-core", "cvxpy", "clarabel", "numba", "nevergrad",
+)  # fmt: skip
+
+
+def here_and_now() -> dict[str, Any]:
+    """Return versions, commit, time and machine, for `run.json`."""
+    return {
+        "versions": _versions(),
+        "commit": commit(),
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": {
+            "system": platform.platform(),
+            "processor": _processor(),
+            "cores": os.cpu_count(),
+        },
+    }
+
+
+def differences(earlier: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Return what differs between two `run.json` in what a run's bits depend on."""
+    then, here = _origin(earlier), _origin(now)
+    return [
+        f"{name} {here.get(name)}, at first {then.get(name)}"
+        for name in {**then, **here}
+        if then.get(name) != here.get(name)
+    ]
+
+
+def _origin(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a run's bits depend on besides its configuration, from its `run.json`."""
+    versions, machine = (
+        part if isinstance(part := record.get(key), Mapping) else {}
+        for key in ("versions", "machine")
+    )
+    return {**versions, "processor": machine.get("processor"), "commit": record.get("commit")}
+
+
+def _processor() -> str:
+    """Name the processor: libraries choose their code by its model, and with it their rounding."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return next(filter(None, models), platform.processor() or platform.machine())
+
+
+def _versions() -> dict[str, str]:
+    versions = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            versions[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:  # a clone without an installed package
+            continue
+    return versions
+
+
+def commit() -> str | None:
+    """Return the commit of the clone that this package runs from, "+" behind it if changed."""
+    root = Path(__file__).parents[2]
+    if not (root / ".git").exists():
+        return None
+    try:
+        git = ["git", "-C", str(root)]
+        commit = subprocess.run(
+            [*git, "rev-parse", "HEAD"], capture_output=True, text=True, check=True, timeout=10
+        ).stdout.strip()
+        changed = subprocess.run(
+            [*git, "status", "--porcelain", "-uno"], capture_output=True, text=True, timeout=10
+        ).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return commit + ("+" if changed else "")
