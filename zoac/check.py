@@ -143,7 +143,9 @@ def hidden_state(task: Task) -> Found:
             return False, "an earlier episode shows in its actions; begin anew in reset"
         for one in live:
             one.begin()
-    twice = not live or task.restore_fault is None  # else it cannot be asked twice in one state
+    twice = (
+        not live or task.restore_fault is None
+    )  # else its state cannot be restored between two calls
     for observation in segments[0].observations[:-1]:
         given = observation[None].copy()
         states = [one.state() for one in live if twice]
@@ -158,7 +160,7 @@ def hidden_state(task: Task) -> Found:
             )
         if twice and not np.array_equal(first, second):
             return False, (
-                "asked twice it answers twice: something outside its memory lasts. Make it an "
+                "the same input gave two different actions: it has hidden state. Make it an "
                 "object with act and reset that keeps state in its attributes"
             )
         memory = following
@@ -212,7 +214,7 @@ CHECKS: dict[str, Callable[[Task], Found]] = {
     "shapes and bounds": shapes,
     "episodes end": episodes_end,
     "seeded determinism": determinism,
-    "saved and put back": env_state,
+    "saved and restored": env_state,
     "hidden state in the controller": hidden_state,
     "dead parameters": dead_parameters,
     "time per step": time_per_step,

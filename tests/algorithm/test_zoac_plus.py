@@ -181,17 +181,17 @@ def test_winner_and_averages_meet_in_the_final_selection_on_common_episodes():
 
 
 def test_the_final_selection_recommend_the_lowest_mean_cost():
-    finals = HeldOut(Problem(CountingTask.space, 3, 6, 1000, 7, 0), "finals")
+    selection = HeldOut(Problem(CountingTask.space, 3, 6, 1000, 7, 0), "finals")
     bad, good = np.array([0.1, 0.2]), np.array([0.3, 0.4])
-    finals.enter(bad)
-    finals.enter(good)
-    lucky = engine(CountingTask(), range(6)).rollout(finals.ask(3))
+    selection.enter(bad)
+    selection.enter(good)
+    lucky = engine(CountingTask(), range(6)).rollout(selection.ask(3))
     assert [tuple(s.proposal.x) for s in lucky] == [tuple(bad), tuple(good)] * 3
     assert len({s.proposal.seed for s in lucky}) == 3
     # The bad one is the cheapest once, the good one on average.
     costs = [0.0, 3.0, 9.0, 4.0, 9.0, 3.0]
-    finals.tell([s.with_costs(np.array([c])) for s, c in zip(lucky, costs, strict=True)])
-    assert np.array_equal(finals.best, good)
+    selection.tell([s.with_costs(np.array([c])) for s, c in zip(lucky, costs, strict=True)])
+    assert np.array_equal(selection.best, good)
 
 
 def test_the_baseline_meets_them_there_and_may_win():
@@ -220,19 +220,19 @@ def test_an_iteration_that_would_leave_no_final_selection_is_not_begun(budget):
 
 
 def test_plain_costs_and_constraints_decide_the_final_selection():
-    finals = HeldOut(Problem(CountingTask.space, 3, 6, 1000, 7, 0), "finals")
+    selection = HeldOut(Problem(CountingTask.space, 3, 6, 1000, 7, 0), "finals")
     for x in ([0.1, 0.2], [0.3, 0.4], [0.5, 0.6]):
-        finals.enter(np.array(x))
-    segments = engine(CountingTask(), range(6)).rollout(finals.ask(1))
+        selection.enter(np.array(x))
+    segments = engine(CountingTask(), range(6)).rollout(selection.ask(1))
     plain, told, violations = (1.0, 2.0, 3.0), (9.0, 9.0, 0.0), (0.5, 0.0, 0.0)
-    finals.tell([
+    selection.tell([
         dataclasses.replace(
             s, costs=np.array([told[k]]), reported_costs=np.array([plain[k]]),
             violation=violations[k],
         )
         for k, s in enumerate(segments)
     ])  # fmt: skip
-    assert finals.ranking.tolist() == [1, 2, 0]
+    assert selection.ranking.tolist() == [1, 2, 0]
 
 
 def test_held_out_episodes_are_not_those_of_the_search():

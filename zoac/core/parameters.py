@@ -40,7 +40,7 @@ class Parameter:
         high: Upper bound, in `unit`.
         scale: "linear" or "log": how [-1, 1] maps to [low, high].
         unit: Unit for people to read, such as "N/rad"; empty for a pure number.
-        kind: "real"; "integer": every whole number from low to high, each an equal share of
+        kind: "real"; "integer": every whole number from low to high, each an equal part of
             [-1, 1]; "choice": see `choice`.
         options: What may be chosen, for a choice.
 

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 
 class Logger(Protocol):
-    """A mirror of the run folder."""
+    """Where rows go beside the run folder."""
 
     def start(self, run: Mapping[str, Any]) -> None:
         """Take the content of `run.json`."""

@@ -1,4 +1,4 @@
-"""The numbers of a row, as mirrors want them: flat names and floats."""
+"""The numbers of a row, as loggers want them: flat names and floats."""
 
 from __future__ import annotations
 

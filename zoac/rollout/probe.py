@@ -60,9 +60,9 @@ def restore_fault(make_env: Callable[[int], VecEnv], pickled: bool = False) -> s
         return None
     shown = found[min(step, len(found) - 1)]
     if isinstance(shown, str):
-        return f"put back to where it stood, it fails: {shown}"
+        return f"restored to an earlier state, it fails: {shown}"
     return (
-        f"put back to where it stood, it goes on otherwise at step {step + 1}: "
+        f"restored to an earlier state, it goes on otherwise at step {step + 1}: "
         f"{'pickle' if pickled else 'deepcopy'} misses a part, shares it or builds it anew"
     )
 
@@ -168,7 +168,7 @@ def controller_fault(task: Task, pickled: bool = False) -> str | None:
     if shown(other, STEPS // 2, STEPS) == expected:
         return None
     return (
-        "the controller, put back to where it stood, goes on otherwise; get_state() and "
+        "the controller, restored to an earlier state, goes on otherwise; get_state() and "
         "set_state(state) tell what of it lasts"
     )
 
