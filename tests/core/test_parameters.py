@@ -77,7 +77,7 @@ def test_names_must_differ():
         ParameterSpace([Parameter("g", 0, 1), Parameter("g", 0, 2)])
 
 
-@pytest.mark.parametrize("method", ["clip", "values", "rounded", "physical", "named"])
+@pytest.mark.parametrize("method", ["clip", "values", "rounded", "denormalise", "named"])
 def test_what_is_no_number_is_refused_by_name(method):
     space = ParameterSpace([Parameter("kp", 0, 1), choice("mode", ["a", "b"]), integer("n", 1, 3)])
     for place, name in enumerate(("kp", "mode=a", "mode=b", "n")):

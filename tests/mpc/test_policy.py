@@ -177,8 +177,8 @@ def test_with_no_finite_environment_the_solver_is_not_called() -> None:
             "mpc.linearisations: expected a number from 1 or 'converged', got 'all'",
         ),
         (
-            {"initial_guess": "zero"},
-            "mpc.initial_guess: unknown 'zero'; did you mean 'zero'? known: shifted, zero",
+            {"initial_guess": "zerro"},
+            "mpc.initial_guess: unknown 'zerro'; did you mean 'zero'? known: shifted, zero",
         ),
     ],
 )

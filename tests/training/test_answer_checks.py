@@ -34,7 +34,7 @@ def test_an_answer_as_good_as_the_start_is_nothing_to_warn_of():
 
 
 def test_an_answer_worse_than_the_start_is_told_with_both_costs():
-    (told,) = warnings(result_of(NOISE + 1, start=result_of(NOISE)), [])
+    (told,) = warnings(result_of(NOISE + 1, baseline=result_of(NOISE)), [])
     assert f"cost {NOISE.mean() + 1:.4g} instead of {NOISE.mean():.4g}" in told
     assert "worse than the baseline values" in told
     assert "same 20 final episodes" in told
@@ -94,7 +94,7 @@ def test_from_ziegler_nichols_gains_the_published_method_may_get_worse_and_says_
     runs = load(tmp_path)
     page = report.report(runs, [runs.finished[0].method.task], replay=False)
     assert worse in page
-    assert "The baseline values cost" in page
+    assert "The baseline costs" in page
 
 
 @pytest.mark.parametrize("seed", [1, 2, 4, 5])
