@@ -76,8 +76,7 @@ def saved(env_states: Callable[[], Any]) -> bytes:
 class Worker:
     """Answers requests with one host's environments."""
 
-    def __init__(self) -> None:
-        self._host: RolloutHost | None = None
+    _host: RolloutHost
 
     def start(self, *arguments: Any) -> None:
         """Make the environments: arguments of `RolloutHost`."""
@@ -85,17 +84,14 @@ class Worker:
 
     def rollout(self, proposals: Any) -> Any:
         """Return the segments, and the environments' state in case this process dies later."""
-        assert self._host is not None
         return self._host.engine.rollout(proposals), saved(self._host.engine.state)
 
     def evaluate(self, proposals: Any) -> Any:
         """Return the segments of evaluation episodes."""
-        assert self._host is not None
         return self._host.evaluate(proposals)
 
     def state(self) -> Any:
         """Return the environments' state."""
-        assert self._host is not None
         return self._host.engine.state()
 
     def restore(self, env_states: bytes) -> None:
@@ -104,7 +100,6 @@ class Worker:
         Raises:
             WorkerError: If they could not be saved.
         """
-        assert self._host is not None
         if env_states == CANNOT_BE_SAVED:
             raise WorkerError(
                 "a worker died, and its environments cannot be restored, because the "
