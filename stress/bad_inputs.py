@@ -255,6 +255,8 @@ CASES = [
          _begun(lambda f: (f / "metrics.jsonl").unlink()), varies=True),
     # Sweeps.
     Case("hydra/launcher=xyz", ("unknown hydra/launcher 'xyz'", "basic"), varies=True),
+    Case("-m seed=glob(*)", ("seed=glob(*)", "no jobs", "seed=0,1,2")),
+    Case("-m tuner=zoac,random tuner.sigma=0.1", ("'tuner.sigma'", "tuner=random")),
     Case("-m seed=0,x", ("seed=x", "whole number")),
     Case("-m tuner.sigma=-1,-2", ("2 job(s) of the sweep", "tuner.sigma=-1", "tuner.sigma=-2")),
 ]  # fmt: skip

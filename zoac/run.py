@@ -63,8 +63,10 @@ class SweepStart(Callback):
         folder = str(Path(config.hydra.sweep.dir).expanduser().absolute())
         os.environ[_SWEEP] = folder
         # Composed anew for each job, where runs_dir may differ and another folder be the current.
+        kept = folder.replace("${", "\\${")
         quoted = folder.replace("\\", "\\\\").replace("'", "\\'").replace("${", "\\${")
         with read_write(config.hydra):
+            config.hydra.sweep.dir = kept
             config.hydra.overrides.hydra.append(f"hydra.sweep.dir='{quoted}'")
         # Numeric libraries read their number of threads when loaded, before Hydra would set it.
         for name, value in config.hydra.job.env_set.items():

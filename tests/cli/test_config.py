@@ -6,7 +6,14 @@ import pytest
 from hydra.errors import HydraException
 
 from zoac.config import factory
-from zoac.config.compose import compose_config, explain, resolved, variant_of, with_whole_steps
+from zoac.config.compose import (
+    check_overrides,
+    compose_config,
+    explain,
+    resolved,
+    variant_of,
+    with_whole_steps,
+)
 from zoac.core.errors import ConfigError
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -95,6 +102,40 @@ def test_a_mistyped_key_is_measured_against_the_chosen_option(overrides, meant):
     message = explain(HydraException(hydras), overrides)
     assert message.startswith(f"unknown key '{misspelt.partition('=')[0]}'")
     assert f"did you mean '{meant}'" in message
+
+
+@pytest.mark.parametrize(
+    ("overrides", "without"),
+    [
+        (["tuner=zoac,random", "tuner.sigma=1"], "tuner=random"),
+        (["tuner=random,zoac", "tuner.sigma=1"], "tuner=random"),
+        (["tuner=zoac,zoac_plus", "task=lqr,pid_acc", "task.jerk=rate"], "task=lqr"),
+    ],
+)
+def test_a_key_that_one_job_of_a_sweep_lacks_is_told_with_that_job(overrides, without):
+    key = overrides[-1].partition("=")[0]
+    hydras = f"Could not override '{key}'.\nTo append to your config use +{key}"
+    message = explain(HydraException(hydras), overrides)
+    assert f"{without}: " in message
+    assert f"did you mean '{key}'" not in message
+
+
+def test_an_argument_that_a_tasks_file_leaves_out_is_told_how_to_add():
+    with pytest.raises(ConfigError, match=r"added: \+task.plant=\.\.\."):
+        compose_config(["task.plant={m:3}"])
+
+
+@pytest.mark.parametrize(
+    "override", ["seed=glob(*)", "task=glob(nothing*)", "seed=range(0,0)", "num_envs=glob(1*)"]
+)
+def test_a_sweep_over_nothing_is_refused(override):
+    with pytest.raises(ConfigError, match=r"nothing to go through.*seed=0,1,2"):
+        check_overrides([override])
+
+
+@pytest.mark.parametrize("override", ["task=glob(p*)", "seed=range(0,3)", "seed=1,2", "seed=5"])
+def test_a_sweep_over_something_is_not(override):
+    check_overrides([override])
 
 
 @pytest.mark.parametrize(

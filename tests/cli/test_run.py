@@ -82,6 +82,14 @@ def test_another_configuration_in_the_same_folder_is_refused_by_key(tmp_path):
     assert zoac(*SMALL, "tuner.sigma=0.3", "resume=overwrite", cwd=tmp_path).returncode == 0
 
 
+@pytest.mark.parametrize("mode", [[], ["-m"]])
+def test_a_folder_may_have_any_name_and_begin_with_a_tilde(tmp_path, mode):
+    done = zoac(*mode, r"runs_dir='~/\${x} y'", "tuner=random", *SMALL, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert len(list((tmp_path / "${x} y").rglob("result.json"))) == 1
+    assert [p.name for p in tmp_path.iterdir() if p.name[0] != "."] == ["${x} y"]
+
+
 def test_an_unusable_runs_dir_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     done = zoac("runs_dir=file", cwd=tmp_path)

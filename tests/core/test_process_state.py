@@ -152,3 +152,37 @@ def test_a_caller_of_hydra_has_it_back():
     print(json.dumps([len(costs), len(set(costs))]))
     """
     assert run(code) == [5, 1]
+
+
+def test_an_application_of_hydra_may_tune_and_keeps_its_own_configuration(tmp_path):
+    (tmp_path / "conf").mkdir()
+    (tmp_path / "conf" / "mine.yaml").write_text("x: 1")
+    (tmp_path / "app.py").write_text(APPLICATION)
+    done = subprocess.run(
+        [sys.executable, "app.py"],
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
+        timeout=300,
+    )  # fmt: skip
+    assert done.stdout.splitlines()[-2:] == ["True True", "['hydra', 'main', 'schema']"], done
+
+
+APPLICATION = """
+import hydra, zoac
+from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
+
+ConfigStore.instance().store("run_schema", {"theirs": True})
+
+@hydra.main(config_path=None, version_base="1.3")
+def main(config):
+    job, mine = HydraConfig.get(), GlobalHydra.instance().hydra
+    zoac.tune(task="lqr", tuner="random", budget=400, quiet=True)
+    print(HydraConfig.get() == job, GlobalHydra.instance().hydra is mine)
+
+main()
+with hydra.initialize(config_path="elsewhere", version_base="1.3"):
+    path = GlobalHydra.instance().config_loader().get_search_path().get_path()
+    print([source.provider for source in path])
+assert ConfigStore.instance().load("run_schema.yaml").node == {"theirs": True}
+"""

@@ -146,3 +146,43 @@ def test_workers_end_with_their_parent_whatever_they_are_at(how, number, tmp_pat
     parent.send_signal(number)
     parent.wait()
     assert support.end_within(3.0, str(tmp_path))
+
+
+SCRIPT = """
+import multiprocessing
+import zoac
+from tests.envs.test_adapters import Drift
+
+class Own(Drift):
+    pass
+
+def act(params, obs):
+    return -params["k"] * obs[0]
+
+def tuned(seed):
+    result = zoac.tune(env=Own, controller=act, space={"k": (0.0, 1.0)}, tuner="random", budget=40,
+                       num_envs=2, max_episode_steps=5, quiet=True, executor="process", seed=seed)
+    return result.cost_mean
+"""
+
+USES = {
+    "at the top of the script": "print([tuned(0), tuned(1)])",
+    "in processes that are spawned": """
+if __name__ == "__main__":
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        print(pool.map(tuned, range(2)))
+""",
+}
+
+
+def test_a_users_script_may_use_workers_anywhere(tmp_path):
+    told = {}
+    for name, use in USES.items():
+        (tmp_path / "script.py").write_text(SCRIPT + use)
+        done = subprocess.run(
+            [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True,
+            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}, timeout=300,
+        )  # fmt: skip
+        told[name] = done.stdout or done.stderr
+    assert len(set(told.values())) == 1, told
+    assert told["at the top of the script"].startswith("[")

@@ -5,6 +5,7 @@ This module and `zoac.run` are the only ones that know Hydra.
 
 from __future__ import annotations
 
+import itertools
 import re
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,6 +20,7 @@ from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Glob, Override
 from hydra.core.plugins import Plugins
 from hydra.errors import HydraException, OverrideParseException
 from hydra.plugins.search_path_plugin import SearchPathPlugin
@@ -91,15 +93,16 @@ class RunSchema:
     search: Any = None  # of `zoac.search`; no part of a run
 
 
-ConfigStore.instance().store(name="run_schema", node=RunSchema)
+ConfigStore.instance().store(group="zoac", name="run_schema", node=RunSchema)
 
 
 class OwnConf(SearchPathPlugin):
     """Lets Hydra find `conf/` of the current folder, behind the package's: a user's own choices."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
-        """Add the folder, if it is there."""
-        if (folder := own_conf()) is not None:
+        """Add the folder, if it is there, where it is zoac that composes."""
+        ours = any(source.path == f"pkg://{CONFIG_MODULE}" for source in search_path.get_path())
+        if ours and (folder := own_conf()) is not None:
             search_path.append("own", f"file://{folder}")
 
 
@@ -181,6 +184,12 @@ def check_overrides(overrides: Sequence[str]) -> None:
             raise ConfigError(
                 f"cannot read the override {text!r}: there is no key; write key=value"
             )
+        if override.is_sweep_override() and not _goes_through(override):
+            raise ConfigError(
+                f"{text}: there is nothing to go through, so that the sweep has no jobs; glob() "
+                f"chooses among the files of a group, such as tuner=glob(zoac*); write numbers as "
+                "seed=0,1,2 or seed=range(0,3)"
+            )
         if not group or override.is_delete() or override.is_sweep_override():
             continue
         value = override.value()
@@ -196,6 +205,14 @@ def check_overrides(overrides: Sequence[str]) -> None:
                 f"{text}: expected one {key}; to run several, one after the other: "
                 f"-m {key}={','.join(map(str, value))}"
             )
+
+
+def _goes_through(override: Override) -> bool:
+    """Tell whether an override of a sweep has any values."""
+    value = override.value()
+    if isinstance(value, Glob):
+        return bool(value.filter(_choices(override.key_or_group)))
+    return any(True for _ in override.sweep_iterator())
 
 
 def explain(error: Exception, overrides: Sequence[str]) -> str:
@@ -241,30 +258,37 @@ def _internal(line: str) -> bool:
 
 
 def _siblings(key: str, overrides: Sequence[str]) -> str:
-    """Return the hint that lists what stands beside `key` where the same choices are made."""
+    """Return the hint that lists what stands beside `key` where the same choices are made.
+
+    Of the jobs of a sweep, it is about the first that does not know the key.
+    """
     parent, _, name = key.rpartition(".")
     pairs = [text.partition("=") for text in overrides]
-    choices = [f"{group}={_first_of(value)}" for group, _, value in pairs if group in GROUPS]
-    try:
-        with _hydra():
-            config = compose("run", overrides=choices, return_hydra_config=True)
-    except Exception:  # a choice may be wrong as well, in any of the ways that Hydra knows
-        return "see --help"
-    node = OmegaConf.select(config, parent) if parent else config
+    groups = {group: value.split(",") for group, _, value in pairs if group in GROUPS}
+    swept = [group for group, values in groups.items() if len(values) > 1]
+    for values in itertools.product(*groups.values()):
+        chosen = dict(zip(groups, values, strict=True))
+        try:
+            with _hydra():
+                texts = [f"{group}={value}" for group, value in chosen.items()]
+                config = compose("run", overrides=texts, return_hydra_config=True)
+        except Exception:  # a choice may be wrong as well, in any of the ways that Hydra knows
+            return "see --help"
+        node = OmegaConf.select(config, parent) if parent else config
+        if not (isinstance(node, DictConfig) and name in node):
+            break
     if node is None and "." in parent:  # what is unknown stands further up
         return _siblings(parent, overrides)
     names = [str(name) for name in node] if isinstance(node, DictConfig) else []
     known = [name for name in names if name[0] != "_" and name not in NOT_OF_THE_RUN]
     prefix = f"{parent}." if parent else ""
     if parent in GROUPS and not known:
-        chosen = config.hydra.runtime.choices[parent]
-        return f"{parent}={chosen} has no keys; choices: {', '.join(_choices(parent))}"
-    return suggest(prefix + name, [f"{prefix}{name}" for name in known])
-
-
-def _first_of(value: str) -> str:
-    """Return the first of the values that a sweep goes through."""
-    return value.partition(",")[0]
+        option = config.hydra.runtime.choices[parent]
+        return f"{parent}={option} has no keys; choices: {', '.join(_choices(parent))}"
+    told = "".join(f"{group}={chosen[group]}: " for group in swept)
+    may_add = parent == "task" and not swept
+    added = f"; what the task's file leaves out is added: +{key}=..." if may_add else ""
+    return told + suggest(prefix + name, [f"{prefix}{name}" for name in known]) + added
 
 
 def _choices(group: str) -> list[str]:

@@ -77,8 +77,6 @@ def suggest(name: str, choices: Iterable[str]) -> str:
         choices: The valid names.
     """
     known = sorted(str(choice) for choice in choices)
-    if str(name) in known:
-        return f"{name!r} is known, but not in this place; known: {', '.join(known[:MAX_LISTED])}"
     close = get_close_matches(str(name), known, n=1, cutoff=0.5)
     hint = f"did you mean {close[0]!r}? " if close else ""
     if len(known) > MAX_LISTED:

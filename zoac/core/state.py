@@ -8,6 +8,8 @@ those are pickled together, apart from the rest. The pickle is opened when one o
 from __future__ import annotations
 
 import io
+import sys
+import threading
 import json
 from typing import Any, Literal, NamedTuple
 
@@ -53,7 +55,7 @@ def encode(state: Any) -> Encoded:
         arrays[kind] = np.concatenate(parts, dtype=kind)
     file = io.BytesIO()
     np.savez(file, **arrays)
-    objects = cloudpickle.dumps(writer.objects) if writer.objects else b""
+    objects = pickled(writer.objects) if writer.objects else b""
     return Encoded(file.getvalue(), objects)
 
 
@@ -168,3 +170,24 @@ class _Stored(OwnObject):
 
     def __reduce__(self) -> Any:
         return OwnObject, (self.value,)
+
+
+_SCRIPT = "__mp_main__"
+"""What multiprocessing calls the user's script in the processes that it spawns."""
+
+_registry = threading.Lock()
+
+
+def pickled(thing: Any) -> bytes:
+    """Return a pickle that holds what the user's script defines by value, if spawned as well."""
+    script = sys.modules.get(_SCRIPT)
+    if script is None:
+        return cloudpickle.dumps(thing)
+    with _registry:
+        if _SCRIPT in cloudpickle.list_registry_pickle_by_value():
+            return cloudpickle.dumps(thing)
+        cloudpickle.register_pickle_by_value(script)
+        try:
+            return cloudpickle.dumps(thing)
+        finally:
+            cloudpickle.unregister_pickle_by_value(script)

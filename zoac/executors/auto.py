@@ -7,7 +7,6 @@ Environments come back if workers turn out to be no faster. Numbers depend on no
 
 from __future__ import annotations
 
-import math
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -62,7 +61,7 @@ class Auto(Executor):
         self._untouched = True  # no environment has moved yet
         self._starting = None
         self._fault: Exception | None = None  # of a worker that could not be started
-        self._calls, self._spent, self._step_seconds = 0, 0.0, math.inf
+        self._calls, self._spent, self._step_seconds = 0, 0.0, 0.0
         self._trial_seconds = self._trial_here = 0.0
         self._serial.start(task, num_envs, seed)
 
@@ -104,11 +103,16 @@ class Auto(Executor):
 
     def _judge(self, seconds: float, segments: Sequence[Segment]) -> None:
         """Begin to start workers, or settle for this process, once enough is known."""
+        if self._starting is not None:  # workers that start take time from this process
+            return
         self._calls += 1
         self._spent += seconds
-        self._step_seconds = min(self._step_seconds, seconds / _steps(segments))
-        # The first call may have compiled something.
-        if self._starting is None and self._calls > 1 and self._spent > PATIENCE:
+        if self._calls <= 2:  # the first call, which may have compiled something, is left out
+            self._seconds, self._steps = 0.0, 0
+        self._seconds += seconds
+        self._steps += _steps(segments)
+        self._step_seconds = self._seconds / self._steps
+        if self._calls > 1 and self._spent > PATIENCE:
             if not self._is_slow():
                 self._stay(f"a step takes {1e3 * self._step_seconds:.2g} ms, too short to pay")
             elif self._untouched or self._is_movable():

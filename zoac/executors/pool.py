@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import cloudpickle
 import numpy as np
 
 from zoac.core.segments import Proposal, Segment
+from zoac.core.state import pickled
 from zoac.executors.base import Executor, nothing
 from zoac.rollout.task import Task
 
@@ -159,7 +159,7 @@ class Pool(Executor):
     def restore(self, state: Mapping[int, Any]) -> None:
         """See `Executor.restore`."""
         for worker in self._workers:
-            worker.env_states = cloudpickle.dumps(
+            worker.env_states = pickled(
                 {env_index: state[env_index] for env_index in worker.env_indices}
             )
             worker.call("restore", worker.env_states)

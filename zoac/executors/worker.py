@@ -20,6 +20,7 @@ from typing import IO, Any
 import cloudpickle
 
 from zoac.core.errors import WorkerError, ZoacError
+from zoac.core.state import pickled
 from zoac.executors.base import RolloutHost
 
 _LENGTH = struct.Struct("<Q")
@@ -31,7 +32,7 @@ def send(stream: IO[bytes], message: Any) -> None:
     Raises:
         OSError: If nobody listens any more.
     """
-    _write(stream, cloudpickle.dumps(message))
+    _write(stream, pickled(message))
 
 
 def _write(stream: IO[bytes], body: bytes) -> None:
@@ -68,7 +69,7 @@ CANNOT_BE_SAVED = b""
 def saved(env_states: Callable[[], Any]) -> bytes:
     """Return the environments' states that a call returns as bytes, which only a worker reads."""
     try:
-        return cloudpickle.dumps(env_states())
+        return pickled(env_states())
     except Exception:  # whatever a user's environment or controller raises when it is copied
         return CANNOT_BE_SAVED
 
@@ -125,7 +126,7 @@ def answered(method: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[An
 def _portable(error: Exception) -> Exception:
     """Return the error, or one that says the same if it does not survive a pickle."""
     try:
-        cloudpickle.loads(cloudpickle.dumps(error))
+        cloudpickle.loads(pickled(error))
     except Exception:
         said = RuntimeError(f"{type(error).__name__}: {error}")
         for note in getattr(error, "__notes__", ()):
@@ -163,9 +164,9 @@ def main() -> None:
         result, error = answered(getattr(worker, method), arguments)
         seconds = time.process_time()
         try:
-            reply = cloudpickle.dumps((result, error, seconds))
+            reply = pickled((result, error, seconds))
         except Exception as refusal:  # by something of the user's in the result
-            reply = cloudpickle.dumps((None, _portable(refusal), seconds))
+            reply = pickled((None, _portable(refusal), seconds))
         _write(replies, reply)
 
 

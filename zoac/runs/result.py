@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from zoac.config import factory
 from zoac.config.validate import TARGET
 from zoac.core.errors import RunFolderError
+from zoac.core.state import pickled
 from zoac.rollout.task import Task
 from zoac.runs import schema
 from zoac.runs.export import TunedController, export
@@ -180,10 +181,8 @@ def _unpickled(path: Path) -> Task:
 
 def keep_task(task: Task, folder: Path) -> None:
     """Write the task beside its run, if it can be pickled."""
-    import cloudpickle
-
     try:
-        content = cloudpickle.dumps(task)
+        content = pickled(task)
     except Exception as error:  # an environment may hold anything
         print(f"{folder}: the task is not kept: {error}", file=sys.stderr)
         return
