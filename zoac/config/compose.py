@@ -151,8 +151,13 @@ _ONE_AT_A_TIME = threading.RLock()  # Hydra is one object per process
 
 
 def with_whole_steps(overrides: Sequence[str]) -> list[str]:
-    """Return the overrides with numbers of steps such as 5e4 written out, as their type wants."""
-    return [_STEPS.sub(_written_out, text) for text in overrides]
+    """Return the overrides as Hydra takes them: 5e4 steps written out, and ~ as the home folder."""
+    home = str(Path("~").expanduser())
+    plain = [_HOME.sub(lambda found: f"{found[1]}={home}", text) for text in overrides]
+    return [_STEPS.sub(_written_out, text) for text in plain]
+
+
+_HOME = re.compile(r"^([+\w.]+)=~(?=/|$)")
 
 
 _STEPS = re.compile(r"(?<=[=,])\d+(?:\.\d+)?[eE]\+?\d+(?=,|$)")

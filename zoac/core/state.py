@@ -8,9 +8,9 @@ those are pickled together, apart from the rest. The pickle is opened when one o
 from __future__ import annotations
 
 import io
+import json
 import sys
 import threading
-import json
 from typing import Any, Literal, NamedTuple
 
 import cloudpickle

@@ -1,0 +1,156 @@
+"""Hosts that lack what one takes for granted: a home, a console, an encoding, a cache."""
+
+import json
+import os
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+
+SMALL = (
+    "task=pendulum", "tuner=random", "budget=400", "num_envs=2", "eval_every=400",
+    "evaluation.episodes=1", "evaluation.final_episodes=2", "executor=serial",
+)  # fmt: skip
+
+
+def python(*arguments, cwd, **environment):
+    """Run Python; a variable that is None is taken away."""
+    env = {**os.environ, **{k: v for k, v in environment.items() if v is not None}}
+    for name, value in environment.items():
+        if value is None:
+            env.pop(name, None)
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=cwd, env=env, capture_output=True, text=True, timeout=200, errors="replace",
+    )  # fmt: skip
+
+
+def parameters(folder):
+    return json.loads((folder / "result.json").read_text())["parameters"]
+
+
+RUN = "runs/pendulum/random/seed=0/variant=v"
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """What a run on an ordinary host finds."""
+    folder = tmp_path_factory.mktemp("plain")
+    done = python("-m", "zoac.run", *SMALL, "variant=v", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return parameters(folder / RUN)
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"PYTHONIOENCODING": "ascii"},
+        {"HOME": None, "XDG_CACHE_HOME": None},
+        {"NUMBA_CACHE_DIR": "/proc/no/such/place"},
+        {"MPLBACKEND": "module://no.such.backend"},
+        {"TERM": "dumb", "COLUMNS": "0"},
+        {"LC_ALL": "C", "PYTHONUTF8": "0"},
+    ],
+    ids=lambda environment: next(iter(environment)),
+)
+def test_a_run_ends_alike_whatever_the_host_lacks(environment, plain, tmp_path):
+    done = python("-m", "zoac.run", *SMALL, "variant=v", cwd=tmp_path, **environment)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    assert parameters(tmp_path / RUN) == plain
+
+
+def test_where_compiled_code_cannot_be_kept_one_line_says_so(tmp_path):
+    code = """
+    import numba
+
+    compile_now = numba.njit
+
+    def njit(cache=False, **options):
+        if cache:
+            raise RuntimeError("cannot cache function: no locator available")
+        return compile_now(**options)
+
+    numba.njit = njit
+    from zoac.mpc.compiled import compiled
+
+    @compiled(error_model="numpy")
+    def twice(x):
+        return 2 * x
+
+    @compiled()
+    def thrice(x):
+        return 3 * x
+
+    print(twice(2), thrice(2))
+    """
+    script = tmp_path / "program.py"  # Numba reads the source of what it compiles
+    script.write_text(textwrap.dedent(code))
+    done = python(str(script), cwd=tmp_path)
+    assert done.stdout == "4 6\n", done.stderr
+    assert done.stderr.count("NUMBA_CACHE_DIR") == 1
+
+
+def test_a_table_and_a_report_are_written_in_any_encoding(tmp_path):
+    for seed in (0, 1):
+        run = python("-m", "zoac.run", *SMALL, f"seed={seed}", "variant=v", cwd=tmp_path)
+        assert run.returncode == 0, run.stderr
+    for command in ("table2", "report"):
+        done = python(
+            "-m", f"zoac.analysis.{command}", "runs", "--task", "pendulum", "--out", "out",
+            cwd=tmp_path,
+            PYTHONIOENCODING="ascii", LC_ALL="C", PYTHONUTF8="0", MPLBACKEND="module://no.such",
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert "Traceback" not in done.stderr
+
+
+def test_a_program_without_a_console_tunes(tmp_path):
+    code = """
+    import sys
+    sys.stdout = sys.stderr = None
+    import zoac
+    result = zoac.tune(task="pendulum", tuner="random", budget=400, num_envs=2, episodes=1,
+                       final_episodes=2, executor="serial", folder="run")
+    """
+    script = tmp_path / "program.py"
+    script.write_text(textwrap.dedent(code))
+    done = python(str(script), cwd=tmp_path)
+    assert done.returncode == 0
+    assert (tmp_path / "run" / "result.json").is_file()
+
+
+def test_a_tilde_is_the_home_folder(tmp_path):
+    done = python("-m", "zoac.run", *SMALL, "runs_dir=~/mine", cwd=tmp_path, HOME=str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert not (tmp_path / "~").exists()
+    assert list((tmp_path / "mine").rglob("result.json"))
+
+
+def test_a_tilde_is_the_home_folder_in_python(tmp_path, monkeypatch):
+    import zoac
+
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    result = zoac.tune(
+        task="pendulum", tuner="random", budget=400, num_envs=2, episodes=1, final_episodes=2,
+        executor="serial", folder="~/mine", quiet=True,
+    )  # fmt: skip
+    assert result.folder == tmp_path / "mine"
+    result.export("~/gains.json")
+    assert (tmp_path / "gains.json").is_file()
+    assert zoac.load_result("~/mine").parameters == result.parameters
+    assert not (tmp_path / "~").exists()
+
+
+def test_a_callers_errors_of_numpy_are_not_zoacs(tmp_path):
+    import zoac
+
+    with np.errstate(all="raise"):
+        result = zoac.tune(
+            task="pid_acc", tuner="zoac", budget=2000, episodes=1, final_episodes=2,
+            executor="serial", folder=tmp_path / "run", quiet=True,
+        )  # fmt: skip
+    assert np.isfinite(result.cost_mean)
