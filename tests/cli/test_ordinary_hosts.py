@@ -68,13 +68,14 @@ def test_where_compiled_code_cannot_be_kept_one_line_says_so(tmp_path):
 
     compile_now = numba.njit
 
-    def njit(cache=False, **options):
+    def njit(*function, cache=False, **options):
         if cache:
             raise RuntimeError("cannot cache function: no locator available")
-        return compile_now(**options)
+        return compile_now(*function, **options)
+
+    from zoac.mpc.compiled import compiled
 
     numba.njit = njit
-    from zoac.mpc.compiled import compiled
 
     @compiled(error_model="numpy")
     def twice(x):
@@ -84,6 +85,7 @@ def test_where_compiled_code_cannot_be_kept_one_line_says_so(tmp_path):
     def thrice(x):
         return 3 * x
 
+    numba.njit = compile_now
     print(twice(2), thrice(2))
     """
     script = tmp_path / "program.py"  # Numba reads the source of what it compiles

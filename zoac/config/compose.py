@@ -101,8 +101,8 @@ class OwnConf(SearchPathPlugin):
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         """Add the folder, if it is there, where it is zoac that composes."""
-        ours = any(source.path == f"pkg://{CONFIG_MODULE}" for source in search_path.get_path())
-        if ours and (folder := own_conf()) is not None:
+        own = any(source.path == f"pkg://{CONFIG_MODULE}" for source in search_path.get_path())
+        if own and (folder := own_conf()) is not None:
             search_path.append("own", f"file://{folder}")
 
 
