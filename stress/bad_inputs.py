@@ -130,7 +130,7 @@ CASES = [
     Case("tuner.sgima=1", ("'tuner.sgima'", "did you mean 'tuner.sigma'")),
     Case("evaluation.episode=3", ("did you mean 'evaluation.episodes'",)),
     Case("task.jrek=rate", ("did you mean 'task.jerk'",)),
-    Case("+foo=1", ("'foo'", "known: budget")),
+    Case("+foo=1", ("'foo'", "known: acceptance_test")),
     Case("+evaluation.foo=1", ("'evaluation.foo'", "known: episodes")),
     Case("+tuner.foo=1", ("tuner: unknown key 'foo'", "known:")),
     Case("+task.foo=1", ("task: unknown key 'foo'", "jerk")),
@@ -143,7 +143,7 @@ CASES = [
     Case("mpc_solver=clarabell", ("'clarabell'", "did you mean 'clarabel'")),
     Case("fidelity=papre", ("'papre'", "did you mean 'paper'")),
     Case("logger=wandbb", ("'wandbb'", "did you mean 'wandb'")),
-    Case("method=our", ("'our'", "did you mean 'zoac'")),
+    Case("method=zoc", ("'zoc'", "did you mean 'zoac'")),
     Case("experiment=tabel2", ("'tabel2'", "did you mean 'table2'")),
     Case("tuner=nevergrad tuner.name=PSOO", ("'PSOO'", "did you mean 'PSO'")),
     # How it is written.

@@ -88,8 +88,8 @@ def test_a_bad_override_gets_one_message_with_the_nearest_choice(override, messa
 @pytest.mark.parametrize(
     ("overrides", "meant"),
     [
-        (["tuner=zoac_plus", "tuner.race_shar=1"], "tuner.halving_fraction"),
-        (["tuner=cmaes", "tuner.spraed=1"], "tuner.spread"),
+        (["tuner=zoac_plus", "tuner.halving_fractio=1"], "tuner.halving_fraction"),
+        (["tuner=cmaes", "tuner.initial_sgima=1"], "tuner.initial_sigma"),
         (["method=bo", "tuner.kapa=3"], "tuner.kappa"),
         (["task=mpc_tracking", "task.mpc.horizn=3"], "task.mpc.horizon"),
         (["executor.worker=3", "executor=process"], "executor.workers"),

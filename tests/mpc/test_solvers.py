@@ -56,7 +56,7 @@ def test_both_paths_reach_the_same_optimal_value(clarabel, cvxpy) -> None:
     )
 
 
-@pytest.mark.parametrize("careful", [False, True])
+@pytest.mark.parametrize("robust", [False, True])
 def test_plans_satisfy_the_optimality_conditions(clarabel, robust: bool) -> None:
     problem = tracking_problems(box_points(200, 2), 2)
     plans = clarabel.solve(problem, robust).inputs

@@ -95,6 +95,6 @@ def test_failures_and_retries_are_counted(segment) -> None:
 
 def test_a_pickled_task_gives_the_same_bits(segment) -> None:
     task = pickle.loads(pickle.dumps(MpcTracking(solver=SOLVER, mpc=OPTIONS)))
-    again = rollout(task, segment.proposal.z)
+    again = rollout(task, segment.proposal.x)
     np.testing.assert_array_equal(again.actions, segment.actions)
     np.testing.assert_array_equal(again.costs, segment.costs)

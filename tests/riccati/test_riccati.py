@@ -37,7 +37,7 @@ def rows(problem: LinearisedProblem, lanes: list[int]) -> LinearisedProblem:
     return _take(problem, np.array(lanes))
 
 
-@pytest.mark.parametrize("careful", [False, True])
+@pytest.mark.parametrize("robust", [False, True])
 def test_plans_of_the_whole_box_satisfy_the_kkt_conditions(robust: bool) -> None:
     problem = vehicles(3000, 0)
     solution = SOLVER.solve(problem, robust)
@@ -55,7 +55,7 @@ def test_plans_of_the_whole_box_satisfy_the_kkt_conditions(robust: bool) -> None
         pytest.param(quadrotors(40, 20, 5), id="quadrotor"),
     ],
 )
-@pytest.mark.parametrize("careful", [False, True])
+@pytest.mark.parametrize("robust", [False, True])
 def test_plans_agree_with_quadprog_on_the_condensed_problem(
     problem: LinearisedProblem, robust: bool
 ) -> None:
@@ -164,7 +164,7 @@ MIXED = ("vehicle", "mild vehicle")
 
 
 @pytest.mark.parametrize("name", COMPANIES)
-@pytest.mark.parametrize("careful", [False, True])
+@pytest.mark.parametrize("robust", [False, True])
 def test_an_environment_has_the_same_bits_alone_in_any_company_and_after_anything(
     robust: bool, name: str
 ) -> None:
