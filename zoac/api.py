@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 import sys
@@ -81,6 +82,7 @@ def tune(
     folder: str | Path | None = None,
     resume: str = "auto",
     quiet: bool = False,
+    **unknown: Any,
 ) -> Result:
     """Tune a controller in a simulator; return the best parameters found.
 
@@ -134,6 +136,7 @@ def tune(
             code and values of environment and controller, are these, and is returned if it is
             done), "never", "overwrite".
         quiet: Print nothing.
+        unknown: Any other option is refused, with the nearest name.
 
     Raises:
         Interrupted: If Ctrl-C or a SIGTERM stopped the run, which ends after its iteration with a
@@ -146,6 +149,9 @@ def tune(
         NothingWorksError: If every episode fails.
         RunFolderError: If `folder` holds another run.
     """
+    for name in unknown:
+        known = [n for n in inspect.signature(tune).parameters if n != "unknown"]
+        raise ConfigError(f"zoac.tune has no option {name!r}; {suggest(name, known)}")
     options_of_task = {
         "baseline": baseline,
         "metrics": metrics,

@@ -210,3 +210,24 @@ def test_a_method_is_a_task_and_a_tuner(name):
     choices = compose_config([f"method={name}"]).hydra.runtime.choices
     assert choices.task.startswith("mpc_tracking")
     assert (choices.tuner in name) or (name.startswith("zoac") and choices.tuner == "zoac")
+
+
+@pytest.mark.parametrize(
+    ("overrides", "now"),
+    [
+        (["lanes=3"], "num_envs"),
+        (["gate=0.2"], "acceptance_test"),
+        (["scout=4"], "initial_samples"),
+        (["trust=1"], "initial_sigma"),
+        (["common_episodes=true"], "common_random_numbers"),
+        (["tuner=zoac_plus", "tuner.race_share=0.2"], "tuner.halving_fraction"),
+        (["tuner=zoac_plus", "tuner.tolerated_terminations=0.2"], "tuner.max_termination_rate"),
+        (["tuner=cmaes", "tuner.spread=0.2"], "tuner.initial_sigma"),
+        (["tuner=bo", "tuner.reevaluate_share=0.2"], "tuner.reevaluate_fraction"),
+        (["task=mpc_tracking", "task.mpc.linearise_about=zero"], "task.mpc.initial_guess"),
+        (["method=ours"], "zoac"),
+    ],
+)
+def test_a_former_name_is_refused_with_the_present_one(overrides, now):
+    with pytest.raises(ConfigError, match=f"it is now called '{now}'"):
+        compose_config(overrides)

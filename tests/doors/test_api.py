@@ -322,3 +322,16 @@ def test_a_sampled_start_on_common_episodes_is_told_and_changes_what_is_tuned():
     assert choices["start"] == "best of 5 random points"
     assert choices["episodes"] == "common to a batch"
     assert plain.parameters != sampled.parameters
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("lanes", "it is now called 'num_envs'"),
+        ("start", "it is now called 'baseline'"),
+        ("budgte", "did you mean 'budget'"),
+    ],
+)
+def test_an_unknown_option_gets_the_nearest_or_its_present_name(option, said):
+    with pytest.raises(ConfigError, match=f"no option '{option}'; {said}"):
+        tune(**{option: 3})

@@ -69,6 +69,28 @@ class Interrupted(KeyboardInterrupt):
         self.record = record or {}
 
 
+RENAMED = {
+    "lanes": "num_envs",
+    "start": "baseline",
+    "scout": "initial_samples",
+    "trust": "initial_sigma",
+    "spread": "initial_sigma",
+    "gate": "acceptance_test",
+    "common_episodes": "common_random_numbers",
+    "race_share": "halving_fraction",
+    "race_rounds": "halving_rounds",
+    "race_survivors": "halving_survivors",
+    "finals_share": "selection_fraction",
+    "finals_entries": "selection_candidates",
+    "tolerated_terminations": "max_termination_rate",
+    "reevaluate_share": "reevaluate_fraction",
+    "linearise_about": "initial_guess",
+    "ours": "zoac",
+    "ours_reg": "zoac_reg",
+}
+"""Former names of options -> their names."""
+
+
 def suggest(name: str, choices: Iterable[str]) -> str:
     """Return "did you mean ...?" and the list of valid choices, as one clause.
 
@@ -77,6 +99,9 @@ def suggest(name: str, choices: Iterable[str]) -> str:
         choices: The valid names.
     """
     known = sorted(str(choice) for choice in choices)
+    place, dot, last = str(name).rpartition(".")
+    if (now := f"{place}{dot}{RENAMED.get(last, last)}") in known and last in RENAMED:
+        return f"it is now called {now!r}"
     close = get_close_matches(str(name), known, n=1, cutoff=0.5)
     hint = f"did you mean {close[0]!r}? " if close else ""
     if len(known) > MAX_LISTED:
