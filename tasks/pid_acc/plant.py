@@ -25,6 +25,8 @@ MAX_CLEARANCE_ERROR = 5.0  # [m]
 MAX_SPEED_ERROR = 1.0  # [m/s]
 TERMINATION_COST = 1000.0
 
+Jerk = Literal["rate", "increment", "commanded_increment"]
+
 # Fig. 5: acceleration of the preceding car [m/s^2] up to and including a step.
 DEMONSTRATION = (
     (90, 0.05), (120, 0.15), (150, -0.10), (180, 0.0), (210, -0.20), (240, 0.15), (270, 0.05),
@@ -41,7 +43,7 @@ class PidAccVecEnv(ArrayVecEnv):
         num_envs: int = 1,
         render_mode: str | None = None,
         preceding_std: float = 0.05,
-        jerk: Literal["rate", "increment"] = "rate",
+        jerk: Jerk = "rate",
         max_episode_steps: int = 1000,
     ) -> None:
         """
@@ -49,8 +51,9 @@ class PidAccVecEnv(ArrayVecEnv):
             num_envs: Number of environments n.
             render_mode: None or "rgb_array".
             preceding_std: Standard deviation of the preceding car's acceleration [m/s^2].
-            jerk: What the comfort term squares: the rate du/T_s (the paper), or the increment
-                du (the authors' code), a factor of 100.
+            jerk: What the comfort term squares: "rate", du/T_s (the paper); "increment", du, a
+                hundredth of it; "commanded_increment", the increment before u is clipped, by its
+                own bounds only (the authors' code). A saturated u hides the cost of the first two.
             max_episode_steps: Time limit.
         """
         unbounded = np.full(10, np.inf)
@@ -63,6 +66,7 @@ class PidAccVecEnv(ArrayVecEnv):
         )
         self._preceding_std = preceding_std
         self._jerk_weight = 0.1 / SAMPLE_TIME**2 if jerk == "rate" else 0.1
+        self._commanded = jerk == "commanded_increment"
         # dd, dv, a_f at t, t-1 and t-2, then u_{t-1}: what is observed is all that lasts.
         self._history = np.zeros((num_envs, 10))
         draws = -(-max_episode_steps // STEPS_PER_DRAW)
@@ -86,6 +90,7 @@ class PidAccVecEnv(ArrayVecEnv):
             self._steps,
             actions,
             self._jerk_weight,
+            self._commanded,
             cost,
             terminated,
         )
@@ -113,6 +118,7 @@ def _advance_envs(
     steps: np.ndarray,
     actions: np.ndarray,
     jerk_weight: float,
+    commanded: bool,
     cost: np.ndarray,
     terminated: np.ndarray,
 ) -> None:
@@ -122,9 +128,9 @@ def _advance_envs(
         dd, dv, af, previous = x[0], x[1], x[2], x[9]
         # An environment past its time limit goes on with its last draw.
         w = preceding[env_index, min(steps[env_index], preceding.shape[1] - 1)]
-        u = previous + min(max(actions[env_index, 0], U_LOW), U_HIGH)
-        u = min(max(u, U_LOW), U_HIGH)
-        du = u - previous
+        increment = min(max(actions[env_index, 0], U_LOW), U_HIGH)
+        u = min(max(previous + increment, U_LOW), U_HIGH)
+        du = increment if commanded else u - previous
         for k in range(8, 2, -1):
             x[k] = x[k - 3]
         # Forward Euler of eq. (11): all three from the values at t.

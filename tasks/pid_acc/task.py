@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from zoac.core.measures import Trace
 from zoac.core.parameters import Parameter, ParameterSpace
@@ -10,7 +10,7 @@ from zoac.core.segments import Segment
 from zoac.core.types import Count, NonNegative
 from zoac.rollout.task import Task
 from zoac.tasks.pid_acc.pid import IncrementalPid
-from zoac.tasks.pid_acc.plant import PidAccVecEnv
+from zoac.tasks.pid_acc.plant import Jerk, PidAccVecEnv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,12 +27,12 @@ class PidAcc(Task):
         self,
         *,
         preceding_std: NonNegative = 0.05,
-        jerk: Literal["rate", "increment"] = "rate",
+        jerk: Jerk = "rate",
         max_episode_steps: Count = 1000,
     ) -> None:
         """See `PidAccVecEnv` for the options."""
         self._preceding_std, self._max_episode_steps = preceding_std, max_episode_steps
-        self._jerk: Literal["rate", "increment"] = jerk
+        self._jerk: Jerk = jerk
 
     def make_env(self, n: int) -> PidAccVecEnv:
         """Return `n` environments of car following."""

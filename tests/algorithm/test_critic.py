@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from zoac.algorithm.adam import Adam
-from zoac.algorithm.critic import Critic, RunningStatistics
+from zoac.algorithm.critic import Critic, RunningStatistics, minibatches
 
 
 def make_critic(seed=0, epochs=1, minibatch=64, **options):
@@ -33,11 +33,12 @@ def test_values_are_those_of_the_network():
 
 
 @pytest.mark.parametrize(("scale", "accuracy"), [(1.0, 1e-5), (1000.0, 1e-3)])
-def test_fit_is_autograd_and_adam_on_equation_8(scale, accuracy):
-    """Over shuffled minibatches, the last of an epoch smaller than the others; observations of
-    thousands saturate the first layer nearly everywhere, where tanh' is little but rounding."""
-    epochs, minibatch = 2, 32
-    critic = make_critic(epochs=epochs, minibatch=minibatch)
+@pytest.mark.parametrize(("remainder", "sizes"), [("separate", [32, 32, 9]), ("joined", [32, 41])])
+def test_fit_is_autograd_and_adam_on_equation_8(scale, accuracy, remainder, sizes):
+    """Over shuffled minibatches, the last of an epoch smaller or larger than the others; saturated
+    by observations of thousands, the first layer's tanh' is little but rounding."""
+    epochs = 2
+    critic = make_critic(epochs=epochs, minibatch=32, remainder=remainder)
     twin, order = torch_twin(critic), copy.deepcopy(critic._rng)
     rng = np.random.default_rng(2)
     observations, targets = scale * rng.normal(size=(73, 5)), rng.normal(size=73)
@@ -46,7 +47,7 @@ def test_fit_is_autograd_and_adam_on_equation_8(scale, accuracy):
     losses = []
     for _ in range(epochs):
         losses = []
-        for chosen in torch.from_numpy(order.permutation(73)).split(minibatch):
+        for chosen in torch.from_numpy(order.permutation(73)).split(sizes):
             adam.zero_grad()
             each = 0.5 * (twin(inputs[chosen])[:, 0] - wanted[chosen]) ** 2
             each.mean().backward()
@@ -58,6 +59,20 @@ def test_fit_is_autograd_and_adam_on_equation_8(scale, accuracy):
     for (matrix, bias), linear in zip(critic._layers, twin[::2], strict=True):
         np.testing.assert_allclose(matrix.t(), linear.weight.detach(), atol=accuracy)
         np.testing.assert_allclose(bias, linear.bias.detach(), atol=accuracy)
+
+
+@pytest.mark.parametrize(
+    ("states", "join", "sizes"),
+    [
+        (1000, False, [128] * 7 + [104]),
+        (1000, True, [128] * 6 + [232]),
+        (400, True, [128, 128, 144]),
+        (256, True, [128, 128]),
+        (100, True, [100]),  # a last iteration cut short by episodes' ends
+    ],
+)
+def test_sizes_of_minibatches(states, join, sizes):
+    assert minibatches(states, 128, join) == sizes
 
 
 def test_orthogonal_start_with_the_stated_gains():

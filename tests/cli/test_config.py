@@ -61,8 +61,9 @@ def test_table_3_reaches_the_tuner():
 
 def test_fidelity_reaches_the_task():
     config = resolved(compose_config(["task=pid_acc", "fidelity=authors_code"]))
-    assert config["task"]["jerk"] == "increment"
+    assert config["task"]["jerk"] == "commanded_increment"
     assert config["tuner"]["anneal"] is False
+    assert config["tuner"]["minibatch_remainder"] == "joined"
 
 
 @pytest.mark.parametrize(
@@ -166,7 +167,7 @@ def test_numbers_of_steps_may_be_written_with_an_exponent(given, read):
         ("tuner.gamma=1.2", "tuner.gamma=1.2"),
         ("tuner.hidden=[3,x]", r"tuner.hidden\[1\]='x'"),
         ("tuner.recommend=lats", "'last' or 'average'"),
-        ("task.jerk=rat", "'rate' or 'increment'"),
+        ("task.jerk=rat", "'rate', 'increment' or 'commanded_increment'"),
         ("tuner.sigma=nan", "NaN"),
         ("executor.workers=0 executor=process", "executor.workers=0"),
     ],

@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
+
+Remainder = Literal["separate", "joined"]
 
 _FLOAT: dict[str, Any] = {"dtype": torch.float32, "device": "cpu"}
 
@@ -50,6 +52,7 @@ class Critic:
         rng: np.random.Generator,
         normalise_observations: bool = False,
         target_scale: float = 1.0,
+        remainder: Remainder = "separate",
     ) -> None:
         """
         Args:
@@ -61,8 +64,10 @@ class Critic:
             rng: Stream for initial weights and minibatches.
             normalise_observations: Shift and scale observations by running statistics.
             target_scale: Factor on the targets inside the network, for costs far from 1.
+            remainder: States that minibatches leave over are a smaller one, or join the last.
         """
-        self._rng, self._epochs, self._minibatch = rng, epochs, minibatch
+        self._rng, self._epochs = rng, epochs
+        self._minibatch, self._join = minibatch, remainder == "joined"
         self._normalise, self._target_scale = normalise_observations, target_scale
         self._statistics = RunningStatistics(observation_size)
         sizes = [observation_size, *hidden, 1]
@@ -77,7 +82,8 @@ class Critic:
             gain = 1.0 if bias is self._layers[-1][1] else 5 / 3
             torch.nn.init.orthogonal_(matrix.t(), gain=gain, generator=generator)
         self._adam = torch.optim.Adam([self._weights], lr=learning_rate, fused=True)
-        self._outputs = [torch.empty(minibatch, width, **_FLOAT) for width in sizes[1:]]
+        most = 2 * minibatch - 1 if self._join else minibatch
+        self._outputs = [torch.empty(most, width, **_FLOAT) for width in sizes[1:]]
         self._flows = [torch.empty_like(memory) for memory in self._outputs]
         self._one = torch.ones((), **_FLOAT)
 
@@ -100,11 +106,12 @@ class Critic:
             self._statistics.update(observations)
         inputs = self._inputs(observations)
         wanted = torch.from_numpy((targets * self._target_scale).astype(np.float32)).unsqueeze(1)
+        parts = minibatches(len(inputs), self._minibatch, self._join)
         shuffled, squares = torch.empty_like(inputs), 0.0
         for _ in range(self._epochs):
             order = torch.from_numpy(self._rng.permutation(len(inputs)))
-            states = torch.index_select(inputs, 0, order, out=shuffled).split(self._minibatch)
-            squares = sum(map(self._step, states, wanted[order].split(self._minibatch)))
+            states = torch.index_select(inputs, 0, order, out=shuffled).split(parts)
+            squares = sum(map(self._step, states, wanted[order].split(parts)))
         for moment in self._adam.state[self._weights].values():
             # Without a gradient it would end as a subnormal number, slower than any other.
             moment[moment.abs() < torch.finfo(moment.dtype).smallest_normal] = 0.0
@@ -187,6 +194,17 @@ class RunningStatistics:
         if count == 0:
             return observations
         return np.clip((observations - mean) / (np.sqrt(squares / count) + 1e-8), -10.0, 10.0)
+
+
+def minibatches(states: int, size: int, join: bool) -> list[int]:
+    """Return the sizes of the minibatches; `join`: what is left over belongs to the last one."""
+    whole, rest = divmod(states, size)
+    sizes = [size] * whole
+    if rest and join and whole:
+        sizes[-1] += rest
+    elif rest:
+        sizes.append(rest)
+    return sizes
 
 
 def _layers(flat: torch.Tensor, sizes: Sequence[int]) -> list[tuple[torch.Tensor, torch.Tensor]]:

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from zoac.algorithm.adam import Adam
 from zoac.algorithm.advantage import estimate
-from zoac.algorithm.critic import Critic
+from zoac.algorithm.critic import Critic, Remainder
 from zoac.algorithm.gradient import standardised, zeroth_order_gradient
 from zoac.core.errors import ConfigError
 from zoac.core.segments import Proposal, Segment
@@ -55,6 +55,7 @@ class Zoac(Tuner):
         critic_step_size: Positive = 5e-4,
         epochs: Count = 10,
         minibatch: Count = 128,
+        minibatch_remainder: Remainder = "separate",
         standardise_advantages: bool = True,
         normalise_observations: bool = False,
         critic_target_scale: Positive = 1.0,
@@ -80,6 +81,7 @@ class Zoac(Tuner):
             critic_step_size: alpha_critic.
             epochs: M, passes of the critic over an iteration's states.
             minibatch: L.
+            minibatch_remainder: States left over by L are one more minibatch, or join the last.
             standardise_advantages: Mean 0 and deviation 1 over an iteration's segments.
             normalise_observations: For the critic, by running statistics.
             critic_target_scale: Factor on the critic's targets.
@@ -105,6 +107,7 @@ class Zoac(Tuner):
             learning_rate=critic_step_size,
             epochs=epochs,
             minibatch=minibatch,
+            remainder=minibatch_remainder,
             rng=problem.rng("critic"),
             normalise_observations=normalise_observations,
             target_scale=critic_target_scale,
