@@ -134,7 +134,7 @@ def _draw_evolution(axes: Axes, runs: Sequence[Run], parameter: Parameter, botto
     nominal = (runs[0].identity["nominal"] or {}).get(parameter.name)
     if nominal is not None:
         axes.axhline(nominal, color=style.INK, linewidth=0.8, linestyle=(0, (1, 1.5)))
-    if parameter.scale == "log":
+    if parameter.scale == "log" and parameter.low > 0:
         axes.set_yscale("log")
     axes.set_ylim(parameter.low, parameter.high)
     axes.set_ylabel(unit_label(parameter.name, parameter.unit))

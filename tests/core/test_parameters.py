@@ -32,6 +32,13 @@ def test_middle_is_arithmetic_or_geometric_mean():
     assert middle["weight"] == pytest.approx(1e-2)
 
 
+def test_a_log_scale_below_zero_is_one_by_magnitude():
+    space = ParameterSpace([Parameter("k", -100.0, -1.0, "log")])
+    x = np.array([[-1.0], [0.0], [1.0]])
+    assert space.values(x)[:, 0] == pytest.approx([-100.0, -10.0, -1.0])
+    assert space.normalise({"k": space.values(x)[:, 0]}) == pytest.approx(x)
+
+
 def test_values_outside_the_box_are_clipped():
     assert np.array_equal(SPACE.values(np.full(3, 7.0)), SPACE.values(np.ones(3)))
 
@@ -52,6 +59,7 @@ def test_mapping_leaves_its_argument_alone():
         (("g", 1.0, 1.0), "lower bound must be below"),
         (("g", 2.0, 1.0), "lower bound must be below"),
         (("g", 0.0, 1.0, "log"), "positive lower bound"),
+        (("g", -1.0, 1.0, "log"), "or a negative upper one"),
         (("g", 0.0, float("inf")), "must be finite"),
         (("g", 0.0, 1.0, "lgo"), "did you mean 'log'"),
     ],

@@ -38,14 +38,15 @@ class Parameter:
         name: Its name, unique in a space.
         low: Lower bound, in `unit`.
         high: Upper bound, in `unit`.
-        scale: "linear" or "log": how [-1, 1] maps to [low, high].
+        scale: "linear" or "log": how [-1, 1] maps to [low, high]; "log" by magnitude, where both
+            bounds are negative.
         unit: Unit for people to read, such as "N/rad"; empty for a pure number.
         kind: "real"; "integer": every whole number from low to high, each an equal part of
             [-1, 1]; "choice": see `choice`.
         options: What may be chosen, for a choice.
 
     Raises:
-        ConfigError: If the bounds are not finite, not in order, or not positive on a log scale,
+        ConfigError: If the bounds are not finite, not in order, or not of one sign on a log scale,
             or not whole for an integer.
     """
 
@@ -71,8 +72,11 @@ class Parameter:
             raise ConfigError(
                 f"{where}: the lower bound must be below the upper, got [{self.low}, {self.high}]"
             )
-        if self.scale == "log" and self.low <= 0:
-            raise ConfigError(f"{where}: a log scale needs a positive lower bound, got {self.low}")
+        if self.scale == "log" and self.low * self.high <= 0:
+            raise ConfigError(
+                f"{where}: a log scale needs a positive lower bound, or a negative upper one, got "
+                f"[{self.low}, {self.high}]"
+            )
         if self.kind == "integer":
             if self.scale == "log":
                 raise ConfigError(f"{where}: an integer has no log scale; tune its logarithm")
@@ -149,7 +153,8 @@ class ParameterSpace:
         self._log = np.array([p.scale == "log" for p in self.parameters])
         self._bounds = np.array([(p.low, p.high) for p in self.parameters], dtype=np.float64).T
         self._scaled = self._bounds.copy()
-        self._scaled[:, self._log] = np.log10(self._bounds[:, self._log])
+        self._sign = np.sign(self._bounds[1, self._log])
+        self._scaled[:, self._log] = np.log10(self._bounds[:, self._log] * self._sign)
         self._integer = np.array([p.kind == "integer" for p in self.parameters])
         widths = [len(p.options) or 1 for p in self.parameters]
         self._first = np.cumsum([0, *widths[:-1]])  # each parameter's first coordinate
@@ -197,7 +202,7 @@ class ParameterSpace:
         x = np.asarray(x, dtype=np.float64)
         inside = self.clip(x)[..., self._first]
         values = low + (inside + 1.0) * 0.5 * (high - low)
-        values[..., self._log] = np.power(10.0, values[..., self._log])
+        values[..., self._log] = self._sign * np.power(10.0, values[..., self._log])
         if self._integer.any():
             count = (high - low + 1.0)[self._integer]
             centre = np.floor((inside[..., self._integer] + 1.0) * 0.5 * count)
@@ -271,7 +276,7 @@ class ParameterSpace:
                     f"parameter {p.name!r}: {parameters[p.name]} is not a whole number"
                 )
         codes = values.copy()
-        values[..., self._log] = np.log10(values[..., self._log])
+        values[..., self._log] = np.log10(values[..., self._log] * self._sign)
         low, high = self._scaled
         x = np.clip((values - low) / (high - low) * 2.0 - 1.0, -1.0, 1.0)
         for i, p in enumerate(self.parameters):
