@@ -64,12 +64,12 @@ class RecordedTask(PidAcc):
         return env
 
 
-def compare(iterations, broken=None):
+def compare(iterations, broken=None, **changes):
     """Run both learners side by side and compare all that an iteration computes."""
     options, jerk = released_switches()
     task = RecordedTask(jerk)
     group = engine(task, list(range(WORKERS)), seed=5)
-    ours = Zoac(Problem(task.space, 10, WORKERS, 10**6, LIMIT, 3), **options)
+    ours = Zoac(Problem(task.space, 10, WORKERS, 10**6, LIMIT, 3), **options | changes)
     ours._theta = START.copy()
     theirs = ReleasedLearner(START, network(ours._critic), LIMIT, task.drawn, broken)
     ends = []
@@ -107,4 +107,4 @@ def test_three_iterations_are_those_of_the_released_rules():
 @pytest.mark.parametrize("rule", RULES)
 def test_every_rule_is_seen(rule):
     with pytest.raises(AssertionError):
-        compare(3, broken=rule)
+        compare(3, broken=rule, hidden=(16, 16))  # sooner than the released size
