@@ -95,7 +95,7 @@ def all_panels(
     runs = collection.some_finished()
     panels = []
     # PID-ACC comes first, as in the paper.
-    for base in sorted({family(run.method.task)[0] for run in runs}, reverse=True):
+    for base in sorted({family(run.method.task)[0] for run in runs}, key=_place):
         groups = by_method(run for run in runs if run.method.task in family(base))
         for group in groups.values():
             refuse_mixed(group)
@@ -219,6 +219,11 @@ def _curve(
 
 def _logged(runs: Any) -> set[str]:
     return {name for run in runs for row in run.metrics for name in numbers(row)} - set(AXES)
+
+
+def _place(task: str) -> tuple[int, str]:
+    known = list(TASKS)
+    return (known.index(task) if task in known else len(known)), task
 
 
 def _prominence(method: Method) -> tuple[bool, bool, str, str, str]:

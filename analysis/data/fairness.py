@@ -42,7 +42,7 @@ def refuse_unequal(runs: Sequence[Run], *, any_budget: bool = False) -> None:
     """Check that runs to be compared solved the same problem under the same budget.
 
     Tuners may differ. Tasks may differ if there are several. A controller that was not tuned has no
-    budget.
+    budget. What `fidelity` says stands again in the task and the tuner that follow it.
 
     Args:
         runs: The runs.
@@ -52,13 +52,8 @@ def refuse_unequal(runs: Sequence[Run], *, any_budget: bool = False) -> None:
         RunFolderError: If they differ in anything else.
     """
     several = len({run.method.task for run in runs}) > 1
-    named = [
-        (
-            str(run.method),
-            _without(_settings(run), "seed", *OF_TUNER, *(["task", "code"] if several else [])),
-        )
-        for run in runs
-    ]
+    ignored = ("seed", "fidelity", *OF_TUNER, *(["task", "code"] if several else []))
+    named = [(str(run.method), _without(_settings(run), *ignored)) for run in runs]
     mixed = _differences([(name, _without(config, *WITHOUT_TUNING)) for name, config in named])
     mixed += _differences(
         [

@@ -18,9 +18,11 @@ TUNERS = {
 }
 TASKS = {
     "pid_acc": "PID-ACC",
+    "pid_acc_code": "PID-ACC (authors' cost)",
     "mpc_tracking": "MPC-Tracking",
     "mpc_tracking_reg": "MPC-Tracking (w/ reg)",
 }
+VARIANTS = {"authors_code": "(authors' code)"}
 REGULARISED = "_reg"
 METRICS = {
     "cost_mean": "Cumulative cost",
@@ -46,7 +48,9 @@ def method_labels(methods: Iterable[Method]) -> dict[Method, str]:
         label = TUNERS.get(method.tuner, method.tuner)
         if method.task.endswith(REGULARISED):
             label += " (w/ reg)"
-        labels[method] = f"{label} [{method.variant}]" if several and method.variant else label
+        if several and method.variant:
+            label += " " + VARIANTS.get(method.variant, f"[{method.variant}]")
+        labels[method] = label
     return labels
 
 

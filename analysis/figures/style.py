@@ -118,7 +118,10 @@ def _complete(settings: Any) -> Any:
 
 
 def looks(methods: Sequence[Method]) -> dict[Method, Look]:
-    """Return a look for each method; the same tuner looks the same in every figure of a set."""
+    """Return a look for each method; the same tuner looks the same in every figure of a set.
+
+    Variants of a tuner have its colour and marker, and lines of their own.
+    """
     known = ["zoac", "bo", "cmaes"]
     tuners = known + sorted({m.tuner for m in methods} - {*known, "nominal"})
     chosen = {}
@@ -131,6 +134,9 @@ def looks(methods: Sequence[Method]) -> dict[Method, Look]:
             chosen[method] = Look(COLOURS[5], LINES[4], "s")
         else:
             chosen[method] = look(slot)
+        twins = sorted({m.variant or "" for m in methods if m.tuner == method.tuner})
+        if place := twins.index(method.variant or ""):
+            chosen[method] = chosen[method]._replace(dashes=LINES[(slot + 2 + place) % len(LINES)])
     return chosen
 
 

@@ -8,6 +8,8 @@ import pytest
 from tests.analysis.folders import write_run
 from zoac.analysis.curves import Curve, all_panels, main, series
 from zoac.analysis.data.load import load, read
+from zoac.analysis.figures import style
+from zoac.analysis.figures.labels import method_labels
 from zoac.core.errors import ConfigError, RunFolderError
 
 
@@ -86,3 +88,18 @@ def test_an_unknown_format_is_refused(sweep: Path, capsys: pytest.CaptureFixture
     with pytest.raises(SystemExit):
         main([str(sweep), "--format", "gif"])
     assert "unknown format 'gif'; known: pdf, png, svg" in capsys.readouterr().err
+
+
+def test_the_authors_cost_stands_beside_the_papers_and_their_code_has_lines_of_its_own(
+    tmp_path: Path,
+) -> None:
+    for task in ("pid_acc_code", "mpc_tracking", "pid_acc"):
+        write_run(tmp_path, task=task)
+    write_run(tmp_path, task="mpc_tracking", variant="authors_code")
+    panels = all_panels(load(tmp_path), metric="cost_mean")
+    assert [panel.task for panel in panels] == ["pid_acc", "pid_acc_code", "mpc_tracking"]
+    methods = [curve.method for curve in panels[-1].curves]
+    text, code = style.looks(methods).values()
+    assert (text.colour, text.marker) == (code.colour, code.marker)
+    assert text.dashes != code.dashes
+    assert list(method_labels(methods).values()) == ["ZOAC", "ZOAC (authors' code)"]

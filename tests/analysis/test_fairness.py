@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.analysis.folders import write_run
+from tests.analysis.folders import PID, write_run
 from zoac.analysis.data.fairness import refuse_mixed, refuse_unequal
 from zoac.analysis.data.load import load
 from zoac.core.errors import RunFolderError
@@ -89,3 +89,16 @@ def test_budgets_may_differ_where_that_is_said(tmp_path: Path) -> None:
     write_run(tmp_path, "zoac")
     write_run(tmp_path, "bo", config={"budget": 500})
     refuse_unequal(load(tmp_path).runs, any_budget=True)
+
+
+def test_text_and_code_of_the_paper_are_compared_where_they_mean_the_same_cost(
+    tmp_path: Path,
+) -> None:
+    write_run(tmp_path, config={"fidelity": {"jerk": "rate", "anneal": True}})
+    code = {"fidelity": {"jerk": "commanded_increment", "anneal": False}}
+    write_run(tmp_path, variant="authors_code", config=code)
+    refuse_unequal(load(tmp_path).runs)
+    other_cost = {**code, "task": {**PID, "jerk": "commanded_increment"}}
+    write_run(tmp_path, variant="other", config=other_cost)
+    with pytest.raises(RunFolderError, match=r"task.jerk: .* commanded_increment in zoac \(other\)"):
+        refuse_unequal(load(tmp_path).runs)
