@@ -81,6 +81,7 @@ def test_workers_that_are_no_faster_hand_back(auto, eager, monkeypatch):
 
 def test_fast_steps_stay_in_this_process(auto, monkeypatch):
     monkeypatch.setattr(automatic, "PATIENCE", 0.0)
+    monkeypatch.setattr(automatic, "SLOW", np.inf)
     rolled_out(auto, support.CountingTask())
     assert len(auto.said) == 1
     assert "too short to pay" in auto.said[0]
