@@ -29,7 +29,6 @@ from zoac.analysis.data.selection import chosen
 from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import unit_label
 from zoac.analysis.pages.formatting import number, pipes
-from zoac.config.factory import NOTES
 from zoac.core.errors import ConfigError, RunFolderError, suggest
 from zoac.core.seeding import stream
 from zoac.rollout.task import Task
@@ -189,7 +188,7 @@ def _numbers(node: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
     """Return every number among a task's options by dotted name."""
     found = {f"{prefix}{key}": float(value) for key, value in numbers(node).items()}
     for key, value in node.items():
-        if isinstance(value, Mapping) and key not in ("space", *NOTES):
+        if isinstance(value, Mapping) and key != "space":
             found |= _numbers(value, f"{prefix}{key}.")
     return found
 

@@ -9,13 +9,13 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from copy import copy
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
-
 from zoac.config import factory, fingerprint
-from zoac.config.compose import GROUPS, compose_config, resolved
+from zoac.config.files import configuration
+from zoac.config.settings import Evaluation, Settings, whole_numbers
 from zoac.core.errors import ConfigError, Interrupted, suggest
 from zoac.core.measures import Constraint, Metric
 from zoac.core.parameters import ParameterSpace
@@ -29,26 +29,29 @@ from zoac.runs.schema import TASK
 from zoac.tasks.user_task import EnvSource, UserTask, user_task
 from zoac.training.lifecycle import Run, execute, with_code
 
+RESUME = ("auto", "never", "overwrite")
+
+OTHER_SETTINGS = tuple(
+    f.name for f in fields(Settings) if f.name not in ("seed", "budget", "eval_every", "evaluation")
+)
+"""What `tune` takes as `**settings`."""
+
 
 def make_task(name: str, **overrides: Any) -> Task:
     """Return a task by its config name.
 
     Args:
         name: As on the command line: "pid_acc", "mpc_tracking", ...
-        overrides: Config groups by name (`mpc_solver="riccati"`, `fidelity="authors_code"`), or
-            options of the task (`max_episode_steps=200`).
+        overrides: `mpc_solver="riccati"`, `fidelity="authors_code"`, or options of the task
+            (`max_episode_steps=200`).
 
     Raises:
-        ConfigError: If the task, a group's choice or an option is unknown, or a value is unusable.
+        ConfigError: If the task, a choice or an option is unknown, or a value cannot be used.
     """
-    groups = [f"{key}={value}" for key, value in overrides.items() if key in GROUPS]
-    config = compose_config([f"task={name}", *groups])
-    options = {key: value for key, value in overrides.items() if key not in GROUPS}
-    _set(config, "task", options, f"task {name!r}", GROUPS)
-    plain = resolved(config)
-    task = factory.build_task(plain)
-    task.tuned_for = plain["task"].get("tuned_for", {})
-    return task
+    groups = {key: overrides.pop(key) for key in ("mpc_solver", "fidelity") if key in overrides}
+    config = configuration(task=name, tuner=None, **groups)
+    _set(config["task"], overrides, f"task {name!r}", ("mpc_solver", "fidelity"))
+    return factory.build_task(config)
 
 
 def tune(
@@ -60,7 +63,6 @@ def tune(
     tuner: str = "zoac",
     budget: int = 50_000,
     seed: int = 0,
-    num_envs: int = 10,
     baseline: Mapping[str, Any] | None = None,
     metrics: Sequence[Metric] | Mapping[str, Any] = (),
     constraints: Sequence[Constraint] | Mapping[str, Any] = (),
@@ -68,12 +70,6 @@ def tune(
     plant: Mapping[str, float] | None = None,
     vary: Mapping[str, Bounds] | None = None,
     objective: str = "auto",
-    initial_sigma: float | None = None,
-    acceptance_test: float | None = None,
-    select: str | None = None,
-    initial_samples: int | None = None,
-    common_random_numbers: bool = False,
-    failure_penalty: float | None = None,
     tuner_options: Mapping[str, Any] | None = None,
     executor: str = "auto",
     eval_every: int | None = None,
@@ -82,7 +78,7 @@ def tune(
     folder: str | Path | None = None,
     resume: str = "auto",
     quiet: bool = False,
-    **unknown: Any,
+    **settings: Any,
 ) -> Result:
     """Tune a controller in a simulator; return the best parameters found.
 
@@ -99,7 +95,6 @@ def tune(
         tuner: Name of a tuner's config: "zoac", "cmaes", "bo", "random", ...
         budget: Environment steps for tuning.
         seed: Of everything.
-        num_envs: Environments side by side.
         baseline: Values in use today. The tuner begins there if it takes a start; their cost is
             reported beside the result.
         metrics: Reported beside the cost: `Metric`s, or functions of a segment by name.
@@ -111,20 +106,6 @@ def tune(
         objective: What is minimised: "reward", its negative; "cost", `info["cost"]`; "info:<key>",
             another number of info; "auto", the negative reward unless `info["cost"]` differs from
             it, which is refused.
-        initial_sigma: Standard deviation of the search around the baseline in the mapped box
-            [-1, 1]^d, such as 0.1; the search then begins at the baseline.
-        acceptance_test: Fraction of the budget, such as 0.2, for held-out episodes on which the
-            answer must beat the baseline; otherwise the baseline is the answer.
-            `result.record["acceptance_test"]` has the verdict.
-        select: "best_evaluated": the answer is the best of the recommendations that were evaluated
-            and the baseline values, on held-out episodes that a fifth of the budget pays for; None:
-            what the tuner recommends at the end.
-        initial_samples: Evaluate so many random points for one episode each, and start from the
-            best.
-        common_random_numbers: Whole episodes that the tuner asks for together begin alike.
-        failure_penalty: Cost of a step that fails, which ends its episode: controller or
-            environment raises, or returns what is not finite; None: that ends the run with a
-            message. `result.record` counts `failures` and keeps the `first_failure`.
         tuner_options: By name, such as {"sigma": 0.05}.
         executor: "auto" (worker processes where steps are slow enough to pay), "serial" or
             "process".
@@ -136,7 +117,9 @@ def tune(
             code and values of environment and controller, are these, and is returned if it is
             done), "never", "overwrite".
         quiet: Print nothing.
-        unknown: Any other option is refused, with the nearest name.
+        settings: `num_envs`, `initial_sigma`, `acceptance_test`, `select`, `initial_samples`,
+            `common_random_numbers`, `failure_penalty`, ...: any other of
+            `zoac.config.settings.Settings`, which says what each does.
 
     Raises:
         Interrupted: If Ctrl-C or a SIGTERM stopped the run, which ends after its iteration with a
@@ -149,10 +132,7 @@ def tune(
         NothingWorksError: If every episode fails.
         RunFolderError: If `folder` holds another run.
     """
-    for name in unknown:
-        known = [n for n in inspect.signature(tune).parameters if n != "unknown"]
-        raise ConfigError(f"zoac.tune has no option {name!r}; {suggest(name, known)}")
-    options_of_task = {
+    of_task = {
         "baseline": baseline,
         "metrics": metrics,
         "constraints": constraints,
@@ -161,58 +141,50 @@ def tune(
         "vary": vary,
         "objective": objective,
     }
-    the_task = _task(task, env, controller, space, options_of_task)
-    built_in = [f"task={task}"] if isinstance(task, str) else []
-    chosen = [f"tuner={tuner}", f"executor={executor}", f"resume={resume}", *built_in]
-    config = compose_config(chosen)
-    if not built_in:
-        OmegaConf.set_struct(config, False)
-        config.task["tuned_for"] = dict(the_task.tuned_for)  # not the default task's
-    options = dict(tuner_options or {})
+    if resume not in RESUME:
+        raise ConfigError(f"resume={resume!r}; {suggest(resume, RESUME)}")
+    the_task = _task(task, env, controller, space, of_task)
+    config = configuration(
+        task=task if isinstance(task, str) else None, tuner=tuner, executor=executor
+    )
     if isinstance(task, Task):
         the_task = copy(task)  # the caller's stays as it is
     if baseline is not None and task is not None:
         the_task.baseline = dict(baseline)
+    _set(config["tuner"], tuner_options or {}, f"tuner {tuner!r}")
     told = baseline is not None or (
         isinstance(the_task, UserTask) and the_task.baseline is not None
     )
-    if told and "start" in config.tuner:
-        options.setdefault("start", "baseline")
-    _set(config, "tuner", options, f"tuner {tuner!r}")
-    config.seed, config.num_envs = _whole("seed", seed), _whole("num_envs", num_envs)
-    config.budget = _whole("budget", budget)
-    for name, value in (
-        ("initial_sigma", initial_sigma),
-        ("acceptance_test", acceptance_test),
-        ("failure_penalty", failure_penalty),
-    ):
-        config[name] = _number(name, value)
-    config.select = select
-    config.initial_samples = (
-        None if initial_samples is None else _whole("initial_samples", initial_samples)
+    if told and "start" in config["tuner"] and "start" not in (tuner_options or {}):
+        config["tuner"]["start"] = "baseline"
+    for name in settings:
+        if name not in OTHER_SETTINGS:
+            known = [*inspect.signature(tune).parameters, *OTHER_SETTINGS]
+            known.remove("settings")
+            raise ConfigError(f"zoac.tune has no option {name!r}; {suggest(name, known)}")
+    config |= whole_numbers(Settings, {"seed": seed, "budget": budget, **settings})
+    every = max(1, int(budget) // 10) if eval_every is None and is_number(budget) else eval_every
+    config |= whole_numbers(Settings, {"eval_every": every})
+    config["evaluation"] |= whole_numbers(
+        Evaluation, {"episodes": episodes, "final_episodes": final_episodes}
     )
-    config.common_random_numbers = common_random_numbers or None
-    if failure_penalty is not None:
-        the_task.failure_penalty = failure_penalty
-    every = max(1, config.budget // 10) if eval_every is None else eval_every
-    config.eval_every = _whole("eval_every", every)
-    config.evaluation.episodes = _whole("episodes", episodes)
-    config.evaluation.final_episodes = _whole("final_episodes", final_episodes)
-    plain = resolved(config)
+    config["resume"] = resume
     if not isinstance(task, str):
-        plain["task"] = _identity(the_task, options_of_task)
-    settings = factory.build_settings(plain)
-    identified, doubts = with_code(plain, the_task)
+        config["task"] = _identity(the_task, of_task)
+    checked = factory.build_settings(config)
+    if checked.failure_penalty is not None:
+        the_task.failure_penalty = checked.failure_penalty
+    identified, doubts = with_code(config, the_task)
     run = Run(
-        identity={"task": _name(task, env), "tuner": tuner, "seed": config.seed},
+        identity={"task": _name(task, env), "tuner": tuner, "seed": checked.seed},
         config=identified,
         doubts=doubts,
         command=sys.argv,
         task=the_task,
-        tuner=factory.build_tuner(plain["tuner"], the_task, settings),
-        executor=factory.build_executor(plain),
-        settings=settings,
-        loggers=[] if quiet else [Console(config.budget)],
+        tuner=factory.build_tuner(config["tuner"], the_task, checked),
+        executor=factory.build_executor(config),
+        settings=checked,
+        loggers=[] if quiet else [Console(checked.budget)],
         quiet=quiet,
     )
     where = Path(folder or tempfile.mkdtemp(prefix="zoac-")).expanduser()
@@ -271,31 +243,12 @@ def _name(task: Task | str | None, env: EnvSource | None) -> str:
     return re.sub(r"[^\w.-]+", "-", last).strip("-")
 
 
-def _number(name: str, value: Any) -> float | None:
-    if value is not None and not is_number(value):
-        raise ConfigError(f"{name}={value!r}: expected a number or None")
-    return None if value is None else float(value)
-
-
-def _whole(name: str, value: Any) -> int:
-    """Return a whole number, which may be written 1e4."""
-    if not is_number(value) or value % 1 != 0:
-        raise ConfigError(f"{name}={value!r}: expected a whole number")
-    return int(value)
-
-
 def _set(
-    config: DictConfig,
-    where: str,
-    options: Mapping[str, Any],
-    what: str,
-    more: Sequence[str] = (),
+    node: dict[str, Any], options: Mapping[str, Any], what: str, more: Sequence[str] = ()
 ) -> None:
-    """Set options inside a config node; an unknown one gets the nearest."""
-    OmegaConf.set_struct(config, False)
-    node = config[where]
+    """Set options of a config node; an unknown one gets the nearest."""
     for key, value in options.items():
         if key not in node:
-            known = [*(str(k) for k in node if not str(k).startswith("_")), *more]
+            known = [*(k for k in node if not k.startswith("_")), *more]
             raise ConfigError(f"{what} has no option {key!r}; {suggest(key, known)}")
-        OmegaConf.update(config, f"{where}.{key}", value)
+        node[key] = value

@@ -6,21 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from zoac.analysis.data.runs import Run, variants
-from zoac.config.settings import NOTES
+from zoac.config.settings import CHANGES_THE_METHOD
 from zoac.core.errors import RunFolderError
 from zoac.runs.schema import differing_keys
 
 WITHOUT_TUNING = ("budget", "num_envs", "eval_every")
 """Keys without meaning for a controller that was not tuned."""
 
-OF_TUNER = (
-    "tuner",
-    "initial_sigma",
-    "acceptance_test",
-    "select",
-    "initial_samples",
-    "common_random_numbers",
-)
+OF_TUNER = ("tuner", *CHANGES_THE_METHOD)
 """Keys in which compared methods may differ."""
 
 
@@ -72,9 +65,8 @@ def refuse_unequal(runs: Sequence[Run], *, any_budget: bool = False) -> None:
 
 
 def _settings(run: Run) -> dict[str, Any]:
-    """Return the configuration without duplicates: notes of the task for tuners, and the solver."""
-    task = {key: value for key, value in run.config["task"].items() if key not in NOTES}
-    return {**_without(run.config, "mpc_solver"), "task": task}
+    """Return the configuration without what stands in it twice: the task's solver."""
+    return _without(run.config, "mpc_solver")
 
 
 def _without(config: Mapping[str, Any], *keys: str) -> dict[str, Any]:

@@ -10,10 +10,11 @@ import re
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields, make_dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from hydra import compose, initialize_config_module
 from hydra.core.config_search_path import ConfigSearchPath
@@ -27,10 +28,10 @@ from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from zoac.config.settings import WITHOUT_EFFECT
+from zoac.config.files import CONFIG_MODULE, own_conf
+from zoac.config.settings import WITHOUT_EFFECT, Evaluation, Settings
 from zoac.core.errors import ConfigError, suggest
 
-CONFIG_MODULE = "zoac.conf"
 GROUPS = (
     "task", "tuner", "executor", "mpc_solver", "fidelity", "logger", "launcher", "method",
     "experiment", "search",
@@ -56,41 +57,42 @@ class Resume(Enum):
     overwrite = "overwrite"
 
 
-@dataclass
-class EvaluationSchema:
-    """Types of `evaluation`."""
-
-    episodes: int = 10
-    final_episodes: int = 100
-    seed: int = 0
+def _typed(owner: type, defaults: Any) -> list[tuple[str, Any, Any]]:
+    """Return the fields of a dataclass as Hydra takes them: bounds and choices left out."""
+    hints = get_type_hints(owner)
+    return [(f.name, _plain_type(hints[f.name]), getattr(defaults, f.name)) for f in fields(owner)]
 
 
-@dataclass
-class RunSchema:
-    """Types of the top-level keys; groups are checked against what they configure."""
+def _plain_type(hint: Any) -> Any:
+    if get_origin(hint) is Literal:
+        return str
+    if NoneType in get_args(hint):
+        (kind,) = set(get_args(hint)) - {NoneType}
+        return _plain_type(kind) | None
+    return hint
 
-    task: Any = MISSING
-    tuner: Any = MISSING
-    executor: Any = MISSING
-    mpc_solver: Any = MISSING
-    fidelity: Any = MISSING
-    logger: Any = MISSING
-    seed: int = 0
-    budget: int = 500_000
-    num_envs: int = 10
-    eval_every: int = 10_000
-    evaluation: EvaluationSchema = field(default_factory=EvaluationSchema)
-    checkpoint_seconds: float = 30.0
-    runs_dir: str = "runs"
-    variant: str | None = None
-    initial_sigma: float | None = None
-    acceptance_test: float | None = None
-    select: str | None = None
-    failure_penalty: float | None = None
-    initial_samples: int | None = None
-    common_random_numbers: bool | None = None
-    resume: Resume = Resume.auto
-    search: Any = None  # of `zoac.search`; no part of a run
+
+_GROUPS_OF_RUN = ("task", "tuner", "executor", "mpc_solver", "fidelity", "logger")
+
+EvaluationSchema = make_dataclass("EvaluationSchema", _typed(Evaluation, Evaluation()))
+
+# Types of the top-level keys; groups are checked against what they configure.
+RunSchema = make_dataclass(
+    "RunSchema",
+    [(group, Any, MISSING) for group in _GROUPS_OF_RUN]
+    + [
+        (name, EvaluationSchema, field(default_factory=EvaluationSchema))
+        if kind is Evaluation
+        else (name, kind, default)
+        for name, kind, default in _typed(Settings, Settings())
+    ]
+    + [
+        ("runs_dir", str, "runs"),
+        ("variant", str | None, None),
+        ("resume", Resume, Resume.auto),
+        ("search", Any, None),  # of `zoac.search`; no part of a run
+    ],
+)
 
 
 ConfigStore.instance().store(group="zoac", name="run_schema", node=RunSchema)
@@ -104,13 +106,6 @@ class OwnConf(SearchPathPlugin):
         own = any(source.path == f"pkg://{CONFIG_MODULE}" for source in search_path.get_path())
         if own and (folder := own_conf()) is not None:
             search_path.append("own", f"file://{folder}")
-
-
-def own_conf() -> Path | None:
-    """Return the folder `conf` below the current one, unless there is none or it is zoac's own."""
-    folder = Path.cwd() / "conf"
-    is_zoacs = (folder.parent / "zoac" / "run.py").is_file()
-    return folder if folder.is_dir() and not is_zoacs else None
 
 
 def know_own_conf() -> None:

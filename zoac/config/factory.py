@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 from zoac.config.named_code import kinds_of, locate_maker
-from zoac.config.settings import NOTES, Settings
-from zoac.config.validate import TARGET, check_arguments
+from zoac.config.settings import Settings
+from zoac.config.validate import TARGET, check_arguments, with_groups
 from zoac.core.errors import ConfigError
 from zoac.core.tuner import Problem, Tuner
 from zoac.executors.base import Executor
@@ -33,7 +33,6 @@ def build(node: Mapping[str, Any], where: str, kind: type, **provided: Any) -> A
     Raises:
         ConfigError: Naming every fault of the node. Nothing is called if there is one.
     """
-    node = {k: v for k, v in node.items() if k not in NOTES}
     return _checked(node, where, (kind,), provided)()
 
 
@@ -59,7 +58,8 @@ def _checked(
             inner[name] = _checked(value, f"{where}.{name}", taken, {})
 
     def call() -> Any:
-        return target(**given | {name: make() for name, make in inner.items()}, **provided)
+        made = {name: make() for name, make in inner.items()}
+        return target(**with_groups(given, hints) | made, **provided)
 
     return call
 
@@ -73,29 +73,13 @@ def build_task(config: Mapping[str, Any]) -> Task:
 
 
 def build_settings(config: Mapping[str, Any]) -> Settings:
-    """Return the trainer's settings of a resolved configuration."""
-    evaluation = config["evaluation"]
-    top = {k: config[k] for k in ("seed", "budget", "num_envs", "eval_every", "checkpoint_seconds")}
-    top |= {
-        k: config[k]
-        for k in (
-            "initial_sigma",
-            "acceptance_test",
-            "select",
-            "failure_penalty",
-            "initial_samples",
-            "common_random_numbers",
-        )
-        if config.get(k) is not None
-    }
-    check_arguments(Settings, top, "")
-    inner = {
-        "episodes": evaluation["episodes"],
-        "final_episodes": evaluation["final_episodes"],
-        "evaluation_seed": evaluation["seed"],
-    }
-    check_arguments(Settings, inner, "evaluation")
-    return Settings(**top, **inner)
+    """Return the settings of a resolved configuration.
+
+    Raises:
+        ConfigError: If one is of the wrong type or out of its bounds.
+    """
+    given = {f.name: config[f.name] for f in fields(Settings) if f.name in config}
+    return Settings(**with_groups(given, check_arguments(Settings, given, "")))
 
 
 def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tuner:

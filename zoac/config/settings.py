@@ -1,23 +1,40 @@
-"""What a run is told beside its task and its tuner."""
+"""What a run is told beside its task and its tuner: the one place that states these settings.
+
+The command line's types, `zoac.tune` and the comparison of runs are made from these fields. Their
+defaults stand in `conf/run.yaml` too, and a test holds the two equal.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 from pydantic import Field
 
-from zoac.core.types import Count, Fraction, Natural, NonNegative
+from zoac.core.types import Count, Fraction, Natural, NonNegative, is_number
 
 # Keys of the configuration that cannot change a run's numbers.
 WITHOUT_EFFECT = (
     "executor", "logger", "runs_dir", "variant", "resume", "checkpoint_seconds", "hydra",
 )  # fmt: skip
 
-# Notes for other parts of the configuration, not arguments of the task.
-NOTES = ("tuned_for",)
-
 SideBySide = Annotated[int, Field(ge=1, le=100_000)]  # all in memory at once
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Evaluation episodes, which cost no budget.
+
+    Args:
+        episodes: During tuning.
+        final_episodes: For the final figure.
+        seed: Of the episodes, the same for all runs that are compared.
+    """
+
+    episodes: SideBySide = 10
+    final_episodes: SideBySide = 100
+    seed: Natural = 0
 
 
 @dataclass(frozen=True)
@@ -29,34 +46,61 @@ class Settings:
         budget: Environment steps for tuning; evaluation is not counted.
         num_envs: Environments side by side.
         eval_every: Environment steps between evaluations.
-        episodes: Evaluation episodes during tuning.
-        final_episodes: Evaluation episodes of the final figure.
-        evaluation_seed: Of the evaluation episodes, the same for all runs that are compared.
+        evaluation: Episodes of the evaluations.
         checkpoint_seconds: Wall seconds between checkpoints.
-        initial_sigma: Standard deviation of the search around the baseline in the mapped box; see
+        initial_sigma: Standard deviation of the search around the baseline in normalised
+            parameters, such as 0.1; the search then begins at the baseline. See
             `zoac.strategies.around_baseline`.
-        acceptance_test: Fraction of the budget for proof that the answer beats the start; see
+        acceptance_test: Fraction of the budget, such as 0.2, for held-out episodes on which the
+            answer must beat the baseline; otherwise the baseline is the answer. The verdict is
+            `acceptance_test` of the result's record. See
             `zoac.strategies.acceptance_test.AcceptanceTest`.
-        select: "best_evaluated": the answer is the best of the evaluated recommendations, see
+        select: "best_evaluated": the answer is the best of the evaluated recommendations and the
+            baseline, on held-out episodes that a fifth of the budget pays for, see
             `zoac.strategies.best_evaluated`; "last" or None: what the tuner recommends at the end.
-        initial_samples: Random points of which the best is the tuner's start; see
-            `zoac.strategies.initial_design.InitialDesign`.
-        common_random_numbers: Points of a batch meet the same episode; see
+        failure_penalty: Cost of a step that fails, which ends its episode: controller or
+            environment raises, or returns what is not finite; None: that ends the run with a
+            message. The result's record counts `failures` and keeps the `first_failure`.
+        initial_samples: Random points, an episode each, of which the best is where the tuner
+            starts; see `zoac.strategies.initial_design.InitialDesign`.
+        common_random_numbers: Whole episodes that the tuner asks for together begin alike; see
             `zoac.strategies.initial_design.CommonRandomNumbers`.
-        failure_penalty: The task's, see `zoac.rollout.task.Task`; here to be checked with the rest.
     """
 
     seed: Natural = 0
     budget: Natural = 500_000
     num_envs: SideBySide = 10
     eval_every: Count = 10_000
-    episodes: SideBySide = 10
-    final_episodes: SideBySide = 100
-    evaluation_seed: Natural = 0
+    evaluation: Evaluation = Evaluation()
     checkpoint_seconds: NonNegative = 30.0
+    failure_penalty: float | None = None
     initial_sigma: Annotated[float, Field(gt=0, le=1)] | None = None
     acceptance_test: Fraction | None = None
     select: Literal["last", "best_evaluated"] | None = None
-    failure_penalty: float | None = None
     initial_samples: Count | None = None
     common_random_numbers: bool | None = None
+
+
+CHANGES_THE_METHOD = tuple(
+    f.name for f in fields(Settings) if f.default is None and f.name != "failure_penalty"
+)
+"""Settings that are off unless given, and then are part of the method: compared runs may differ in
+them. A failure's penalty is part of the task."""
+
+
+def whole_numbers(owner: type, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings of Python callers as the configuration has them: 1e4 is a whole number too.
+
+    Args:
+        owner: The dataclass with the settings' types.
+        given: Values by name, checked later.
+    """
+    hints = get_type_hints(owner)
+    return {name: _whole(value, hints.get(name)) for name, value in given.items()}
+
+
+def _whole(value: Any, hint: Any) -> Any:
+    if not is_number(value):
+        return value
+    whole = int in (hint, *get_args(hint)) and value % 1 == 0
+    return int(value) if whole else float(value)

@@ -12,6 +12,7 @@ import math
 import re
 import traceback
 from collections.abc import Callable, Mapping
+from dataclasses import is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -95,7 +96,14 @@ def check_arguments(
                 faults.append(f"{where}: unknown key {name!r}; {suggest(name, accepted)}")
         elif not (isinstance(value, Mapping) and TARGET in value):
             key = f"{where}.{name}" if where else name
-            faults.extend(_faults(value, hints.get(name, Any), key))
+            hint = hints.get(name, Any)
+            if isinstance(value, Mapping) and is_dataclass(hint):
+                try:
+                    check_arguments(hint, value, key)
+                except ConfigError as error:
+                    faults.append(str(error))
+            else:
+                faults.extend(_faults(value, hint, key))
     needed = (
         n
         for n, p in accepted.items()
@@ -105,6 +113,16 @@ def check_arguments(
     if faults:
         raise ConfigError("\n".join(faults))
     return hints
+
+
+def with_groups(given: Mapping[str, Any], hints: Mapping[str, Any]) -> dict[str, Any]:
+    """Return checked arguments, those that are a group of options as its dataclass."""
+    return {
+        name: hints[name](**value)
+        if isinstance(value, Mapping) and is_dataclass(hints.get(name))
+        else value
+        for name, value in given.items()
+    }
 
 
 def _signature(target: Callable[..., Any]) -> tuple[dict[str, inspect.Parameter], dict[str, Any]]:

@@ -36,8 +36,6 @@ class Task(ABC):
     """Which signal is minimised, where the first line of a run is to say it."""
     baseline: Mapping[str, Any] | None = None
     """Present values of the parameters in `space`, to compare with, for tasks that have them."""
-    tuned_for: Mapping[str, Mapping[str, Any]] = {}
-    """Tuner's name -> options that suit this task; where nothing else is said, they hold."""
 
     def parts(self) -> dict[str, Any]:
         """Return what tells this task from others beyond its configuration, by name.

@@ -143,7 +143,7 @@ class Trainer:
             return
         every = self._settings.eval_every
         progress.next_eval = (progress.env_steps // every + 1) * every
-        self._evaluate(self._settings.episodes, final=False)
+        self._evaluate(self._settings.evaluation.episodes, final=False)
 
     def _evaluate(self, episodes: int, final: bool) -> dict[str, Any]:
         """Run the fixed episodes with the recommended parameters and log a row."""
@@ -157,7 +157,7 @@ class Trainer:
 
     def _rolled_out(self, x: np.ndarray, episodes: int) -> list[Segment]:
         """Return the fixed evaluation episodes with the parameters x (d,)."""
-        proposals = evaluation_proposals(x, episodes, self._settings.evaluation_seed)
+        proposals = evaluation_proposals(x, episodes, self._settings.evaluation.seed)
         tuner_seconds = self.progress.tuner_seconds
         with self._timed("evaluation_seconds"):
             segments = self._executor.evaluate(proposals, self._background_update)
@@ -194,7 +194,7 @@ class Trainer:
         if 0 < self.progress.segments == self.progress.failed_segments:
             self._refuse("before it ended")
         earlier = [row for row in self._log.rows() if row["kind"] == "eval"]
-        final = self._evaluate(self._settings.final_episodes, final=True)
+        final = self._evaluate(self._settings.evaluation.final_episodes, final=True)
         del final["final"]
         final.pop("first_failure", None)
         start = self._start()
@@ -220,7 +220,7 @@ class Trainer:
         if self._task.baseline is None:
             return {}
         x = self._task.space.normalise(self._task.baseline)
-        segments = self._rolled_out(x, self._settings.final_episodes)
+        segments = self._rolled_out(x, self._settings.evaluation.final_episodes)
         row = evaluation_row(segments, (), self._task.constraints)
         return {"baseline_cost_mean": row["cost_mean"], "baseline": row}
 

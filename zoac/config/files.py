@@ -1,0 +1,115 @@
+"""The configuration files read without Hydra, for Python callers; the command line composes them.
+
+`conf/run.yaml` says which groups there are, in which order, and what is chosen where nothing else
+is said. Both ways of reading give the same configuration, which a test holds.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, ListConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from zoac.core.errors import ConfigError, suggest
+
+CONFIG_MODULE = "zoac.conf"
+
+NOT_OF_A_RUN = ("logger", "launcher", "method", "experiment")
+"""Groups that say where a command line's jobs run and what they log."""
+
+
+def own_conf() -> Path | None:
+    """Return the folder `conf` below the current one, unless there is none or it is zoac's own."""
+    folder = Path.cwd() / "conf"
+    is_zoacs = (folder.parent / "zoac" / "run.py").is_file()
+    return folder if folder.is_dir() and not is_zoacs else None
+
+
+def configuration(**chosen: str | None) -> dict[str, Any]:
+    """Return the configuration of a run as plain Python.
+
+    Args:
+        chosen: Group -> name of a choice, such as task="pid_acc", or None for a group to leave out;
+            other groups have the choice of `conf/run.yaml`.
+
+    Raises:
+        ConfigError: If a choice is unknown or its file cannot be used.
+    """
+    run = _read("run", "")
+    names: dict[str, Any] = {}
+    entries: Any = OmegaConf.to_container(run.pop("defaults"))  # as they stand
+    for key, name in (
+        pair for entry in entries if isinstance(entry, dict) for pair in entry.items()
+    ):
+        group, _, place = key.removeprefix("optional ").partition("@")
+        if group in NOT_OF_A_RUN or group.startswith("override"):
+            continue
+        names[group] = name = chosen.get(group, _filled_in(name, names))
+        if name is None or (key.startswith("optional ") and name not in choices(group)):
+            continue
+        place = place or group
+        run[place] = OmegaConf.merge(run.get(place, {}), choice(group, name))
+    del run["hydra"]
+    try:
+        plain: dict[str, Any] = OmegaConf.to_container(run, resolve=True)  # type: ignore[assignment]
+    except OmegaConfBaseException as error:
+        raise ConfigError(str(error).splitlines()[0]) from error
+    return plain
+
+
+def _filled_in(name: str | None, chosen: Mapping[str, Any]) -> str | None:
+    """Return the name of a choice with ${group} replaced by what that group chose."""
+    return name and re.sub(r"\$\{(\w+)\}", lambda found: str(chosen[found[1]]), name)
+
+
+def choice(group: str, name: str) -> DictConfig:
+    """Return the file of a choice, merged over those of its group that its `defaults` name.
+
+    Raises:
+        ConfigError: If there is none, or it cannot be used.
+    """
+    if name not in (known := choices(group)):
+        raise ConfigError(f"unknown {group} {name!r}; {suggest(name, known)}")
+    node = _read(name, group)
+    merged = OmegaConf.create()
+    for entry in node.pop("defaults", ["_self_"]):
+        if not isinstance(entry, str):
+            raise ConfigError(
+                f"conf/{group}/{name}.yaml: its defaults reach into other groups ({entry}); only "
+                "the command line can compose it"
+            )
+        merged.merge_with(node if entry == "_self_" else choice(group, entry))
+    return merged
+
+
+def choices(group: str) -> list[str]:
+    """Return the names of a group's files, the package's and those of the current folder."""
+    found: set[str] = set()
+    for root in _roots():
+        folder = root / group
+        paths = sorted(folder.rglob("*.yaml")) if folder.is_dir() else []
+        found |= {path.relative_to(folder).with_suffix("").as_posix() for path in paths}
+    return sorted(found)
+
+
+def _roots() -> list[Path]:
+    own = own_conf()
+    package = Path(str(files(CONFIG_MODULE)))
+    return [package] if own is None else [package, own]
+
+
+def _read(name: str, group: str) -> DictConfig:
+    """Return a file; the package's comes before one of the same name in the current folder."""
+    path = next(p for root in _roots() if (p := root / group / f"{name}.yaml").is_file())
+    try:
+        node = OmegaConf.load(path)
+    except Exception as error:  # by the YAML parser
+        raise ConfigError(f"{path}: cannot be read as YAML: {error}") from error
+    if isinstance(node, ListConfig):
+        raise ConfigError(f"{path}: expected keys and values, not a list")
+    return node
