@@ -127,7 +127,7 @@ AGAIN = " ".join([*SHORT, "variant=mine"])
 CASES = [
     # Names.
     Case("sede=1", ("'sede'", "did you mean 'seed'")),
-    Case("tuner.sgima=1", ("'tuner.sgima'", "did you mean 'tuner.sigma'")),
+    Case("tuner.sgima=1", ("'tuner.sgima'", "did you mean 'tuner.exploration.sigma'")),
     Case("evaluation.episode=3", ("did you mean 'evaluation.episodes'",)),
     Case("task.jrek=rate", ("did you mean 'task.jerk'",)),
     Case("+foo=1", ("'foo'", "known: acceptance_test")),
@@ -191,17 +191,17 @@ CASES = [
     Case("runs_dir=null", ("runs_dir",)),
     Case(f"variant={'long' * 80}", ("File name too long", "variant=<name>")),
     # Options of the choices.
-    Case("tuner.sigma=abc", ("tuner.sigma='abc'", "number")),
-    Case("tuner.sigma=-1", ("tuner.sigma=-1", "greater than 0")),
-    Case("tuner.sigma=nan", ("tuner.sigma", "NaN", "finite")),
-    Case("tuner.sigma=inf", ("tuner.sigma", "inf", "finite")),
-    Case("tuner.sigma=null", ("tuner.sigma=None", "number")),
+    Case("tuner.exploration.sigma=abc", ("tuner.exploration.sigma='abc'", "number")),
+    Case("tuner.exploration.sigma=-1", ("tuner.exploration.sigma=-1", "greater than 0")),
+    Case("tuner.exploration.sigma=nan", ("tuner.exploration.sigma", "NaN", "finite")),
+    Case("tuner.exploration.sigma=inf", ("tuner.exploration.sigma", "inf", "finite")),
+    Case("tuner.exploration.sigma=null", ("tuner.exploration.sigma=None", "number")),
     Case("tuner.gamma=1.2", ("tuner.gamma=1.2", "less than")),
-    Case("tuner.hidden=[3,x]", ("tuner.hidden[1]='x'", "integer")),
-    Case("tuner.hidden=256", ("tuner.hidden=256", "list")),
+    Case("tuner.critic.hidden=[3,x]", ("tuner.critic.hidden[1]='x'", "integer")),
+    Case("tuner.critic.hidden=256", ("tuner.critic.hidden=256", "list")),
     Case("tuner.recommend=lats", ("tuner.recommend='lats'", "did you mean 'last'")),
-    Case("tuner.anneal=3", ("tuner.anneal=3", "boolean")),
-    Case("tuner.segments=0", ("tuner.segments=0", "greater than or equal to 1")),
+    Case("tuner.step_size.anneal=3", ("tuner.step_size.anneal=3", "boolean")),
+    Case("tuner.exploration.segments=0", ("segments=0", "greater than or equal to 1")),
     Case("tuner=cmaes tuner.covariance=ful", ("'ful'", "did you mean 'full'")),
     Case("tuner=cmaes tuner.population=0", ("tuner.population=0", "greater than")),
     Case("tuner=bo tuner.acquisition=ubc", ("'ubc'", "did you mean 'ucb'")),
@@ -238,7 +238,7 @@ CASES = [
     Case("runs_dir=file", ("file/pid_acc", "Not a directory", "another runs_dir"),
          "a file of that name", lambda: Path("file").touch()),
     Case("runs_dir=/proc/nowhere", ("/proc/nowhere", "another runs_dir")),
-    Case(f"{AGAIN} tuner.sigma=0.3", ("tuner.sigma: 0.08 there, 0.3 now", "variant=<name>"),
+    Case(f"{AGAIN} tuner.exploration.sigma=0.3", ("sigma: 0.08 there, 0.3 now", "variant=<name>"),
          "a run without it", _finished),
     Case(f"{AGAIN} resume=never", ("holds a run already", "resume=auto"), "the same", _finished),
     Case(AGAIN, ("another process is running this run",), "it is running", _held),
@@ -256,9 +256,9 @@ CASES = [
     # Sweeps.
     Case("hydra/launcher=xyz", ("unknown hydra/launcher 'xyz'", "basic"), varies=True),
     Case("-m seed=glob(*)", ("seed=glob(*)", "no jobs", "seed=0,1,2")),
-    Case("-m tuner=zoac,random tuner.sigma=0.1", ("'tuner.sigma'", "tuner=random")),
+    Case("-m tuner=zoac,random tuner.gamma=0.1", ("'tuner.gamma'", "tuner=random")),
     Case("-m seed=0,x", ("seed=x", "whole number")),
-    Case("-m tuner.sigma=-1,-2", ("2 job(s) of the sweep", "tuner.sigma=-1", "tuner.sigma=-2")),
+    Case("-m tuner.gamma=-1,-2", ("2 job(s) of the sweep", "tuner.gamma=-1", "tuner.gamma=-2")),
 ]  # fmt: skip
 
 

@@ -44,8 +44,8 @@ COMMON = [
 ]  # fmt: skip
 # Short iterations: a kill is worth more where there is a checkpoint between any two.
 SHORT = {
-    "zoac": ["tuner.segment_length=10", "tuner.segments=4"],
-    "zoac_plus": ["tuner.segment_length=10", "tuner.halving_rounds=3"],
+    "zoac": ["tuner.exploration.segment_length=10", "tuner.exploration.segments=4"],
+    "zoac_plus": ["tuner.exploration.segment_length=10", "tuner.halving_rounds=3"],
     "es": ["tuner.population=2"],
 }
 

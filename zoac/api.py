@@ -16,7 +16,7 @@ from typing import Any
 from zoac.config import factory, fingerprint
 from zoac.config.files import configuration
 from zoac.config.settings import Evaluation, Settings, whole_numbers
-from zoac.core.errors import ConfigError, Interrupted, suggest
+from zoac.core.errors import ConfigError, Interrupted, option_names, suggest
 from zoac.core.measures import Constraint, Metric
 from zoac.core.parameters import ParameterSpace
 from zoac.core.types import is_number
@@ -51,7 +51,9 @@ def make_task(name: str, **overrides: Any) -> Task:
     groups = {key: overrides.pop(key) for key in ("mpc_solver", "fidelity") if key in overrides}
     config = configuration(task=name, tuner=None, **groups)
     _set(config["task"], overrides, f"task {name!r}", ("mpc_solver", "fidelity"))
-    return factory.build_task(config)
+    task = factory.build_task(config)
+    task.preset = name
+    return task
 
 
 def tune(
@@ -106,7 +108,7 @@ def tune(
         objective: What is minimised: "reward", its negative; "cost", `info["cost"]`; "info:<key>",
             another number of info; "auto", the negative reward unless `info["cost"]` differs from
             it, which is refused.
-        tuner_options: By name, such as {"sigma": 0.05}.
+        tuner_options: By name, such as {"exploration": {"sigma": 0.05}}.
         executor: "auto" (worker processes where steps are slow enough to pay), "serial" or
             "process".
         eval_every: Steps between evaluations; None: a tenth of the budget.
@@ -145,7 +147,10 @@ def tune(
         raise ConfigError(f"resume={resume!r}; {suggest(resume, RESUME)}")
     the_task = _task(task, env, controller, space, of_task)
     config = configuration(
-        task=task if isinstance(task, str) else None, tuner=tuner, executor=executor
+        task=task if isinstance(task, str) else None,
+        tuner=tuner,
+        executor=executor,
+        preset=f"{the_task.preset}/{tuner}",
     )
     if isinstance(task, Task):
         the_task = copy(task)  # the caller's stays as it is
@@ -162,9 +167,10 @@ def tune(
             known = [*inspect.signature(tune).parameters, *OTHER_SETTINGS]
             known.remove("settings")
             raise ConfigError(f"zoac.tune has no option {name!r}; {suggest(name, known)}")
-    config |= whole_numbers(Settings, {"seed": seed, "budget": budget, **settings})
-    every = max(1, int(budget) // 10) if eval_every is None and is_number(budget) else eval_every
-    config |= whole_numbers(Settings, {"eval_every": every})
+    if eval_every is None and is_number(budget):
+        eval_every = int(max(1, budget // 10))
+    given = {"seed": seed, "budget": budget, "eval_every": eval_every, **settings}
+    config |= whole_numbers(Settings, given)
     config["evaluation"] |= whole_numbers(
         Evaluation, {"episodes": episodes, "final_episodes": final_episodes}
     )
@@ -249,6 +255,9 @@ def _set(
     """Set options of a config node; an unknown one gets the nearest."""
     for key, value in options.items():
         if key not in node:
-            known = [*(k for k in node if not k.startswith("_")), *more]
+            known = [*option_names(node), *more]
             raise ConfigError(f"{what} has no option {key!r}; {suggest(key, known)}")
-        node[key] = value
+        if isinstance(node[key], dict) and isinstance(value, Mapping):
+            _set(node[key], value, f"{key} of {what}")
+        else:
+            node[key] = value

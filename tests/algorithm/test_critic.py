@@ -7,11 +7,13 @@ import torch
 
 from zoac.algorithm.adam import Adam
 from zoac.algorithm.critic import Critic, RunningStatistics, minibatches
+from zoac.algorithm.options import CriticOptions
 
 
 def make_critic(seed=0, epochs=1, minibatch=64, **options):
     rng = np.random.default_rng(seed)
-    return Critic(5, (16, 12), 1e-2, epochs, minibatch, rng, **options)
+    chosen = CriticOptions((16, 12), 1e-2, epochs, minibatch, **options)
+    return Critic(5, chosen, rng)
 
 
 def torch_twin(critic):
@@ -38,7 +40,7 @@ def test_fit_is_autograd_and_adam_on_equation_8(scale, accuracy, remainder, size
     """Over shuffled minibatches, the last of an epoch smaller or larger than the others; saturated
     by observations of thousands, the first layer's tanh' is little but rounding."""
     epochs = 2
-    critic = make_critic(epochs=epochs, minibatch=32, remainder=remainder)
+    critic = make_critic(epochs=epochs, minibatch=32, minibatch_remainder=remainder)
     twin, order = torch_twin(critic), copy.deepcopy(critic._rng)
     rng = np.random.default_rng(2)
     observations, targets = scale * rng.normal(size=(73, 5)), rng.normal(size=73)
@@ -64,15 +66,15 @@ def test_fit_is_autograd_and_adam_on_equation_8(scale, accuracy, remainder, size
 @pytest.mark.parametrize(
     ("states", "join", "sizes"),
     [
-        (1000, False, [128] * 7 + [104]),
-        (1000, True, [128] * 6 + [232]),
-        (400, True, [128, 128, 144]),
-        (256, True, [128, 128]),
-        (100, True, [100]),  # a last iteration cut short by episodes' ends
+        (1000, "separate", [128] * 7 + [104]),
+        (1000, "joined", [128] * 6 + [232]),
+        (400, "joined", [128, 128, 144]),
+        (256, "joined", [128, 128]),
+        (100, "joined", [100]),  # a last iteration cut short by episodes' ends
     ],
 )
 def test_sizes_of_minibatches(states, join, sizes):
-    assert minibatches(states, 128, join) == sizes
+    assert minibatches(states, CriticOptions(minibatch_remainder=join)) == sizes
 
 
 def test_orthogonal_start_with_the_stated_gains():

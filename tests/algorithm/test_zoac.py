@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.algorithm.support import grouped
 from tests.support import CountingTask, engine
 from zoac.algorithm import zoac as zoac_module
 from zoac.algorithm.zoac import Zoac
@@ -13,15 +14,15 @@ OPTIONS = {
     "segments": 2,
     "sigma": 0.1,
     "step_size": 0.03,
-    "step_size_end": 0.01,
-    "step_size_slope": 0.002,
+    "last": 0.01,
+    "slope": 0.002,
     "hidden": (8,),
 }
 
 
 def make_zoac(seed=0, num_envs=4, **options):
     problem = Problem(CountingTask.space, 3, num_envs, 1000, 7, seed)
-    return Zoac(problem, **{**OPTIONS, **options})
+    return Zoac(problem, **grouped(**{**OPTIONS, **options}))
 
 
 def iterate(tuner, group, times=1):
@@ -103,7 +104,7 @@ def test_costs_that_are_not_finite_count_as_the_worst_seen():
 
 @pytest.mark.parametrize(("project", "leaves"), [(True, False), (False, True)])
 def test_the_iterate_stays_in_the_box_unless_told_otherwise(project, leaves):
-    tuner = make_zoac(num_envs=20, project=project, step_size_slope=0.0)
+    tuner = make_zoac(num_envs=20, project=project, slope=0.0)
     iterate(tuner, engine(CountingTask(), list(range(20))), 80)
     assert bool((np.abs(tuner._theta) > 1).any()) is leaves
     assert (np.abs(tuner.recommend()) <= 1).all()

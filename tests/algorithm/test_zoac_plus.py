@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.algorithm.support import grouped
 from tests.algorithm.test_zoac import OPTIONS, iterate
 from tests.support import CountingTask, engine
 from zoac.algorithm.advantage import estimate
@@ -13,7 +14,9 @@ from zoac.core.tuner import Problem
 from zoac.strategies.held_out import HeldOut
 
 PLUS = {
-    **{key: value for key, value in OPTIONS.items() if not key.startswith("step_size_")},
+    **OPTIONS,
+    "last": None,
+    "slope": 0.0,
     "halving_fraction": 0.0,
     "selection_fraction": 0.0,
 }
@@ -30,7 +33,7 @@ def make_plus(seed=0, num_envs=4, budget=10_000, supports_snapshots=True, baseli
         supports_snapshots=supports_snapshots,
         baseline=baseline,
     )
-    return ZoacPlus(problem, **{**PLUS, **options})
+    return ZoacPlus(problem, **grouped(**{**PLUS, **options}))
 
 
 def test_a_direction_is_run_both_ways_from_the_same_state():

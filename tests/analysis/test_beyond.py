@@ -17,7 +17,7 @@ def runs(tmp_path):
             root, seed=seed, costs=(cost / 2, cost / 2), variant="budget=5000",
             config={"budget": 5000},
         )  # fmt: skip
-    write_run(root, seed=0, costs=(9.0, 9.0), variant="tuner.sigma=0.2")
+    write_run(root, seed=0, costs=(9.0, 9.0), variant="tuner.exploration.sigma=0.2")
     return root
 
 
@@ -35,7 +35,7 @@ def test_a_ratio_is_the_mean_cost_over_the_nominal_one(runs):
 
 
 def test_the_budget_is_a_column_and_other_options_a_row(runs):
-    assert set(rows(runs)) == {"", "tuner.sigma=0.2"}
+    assert set(rows(runs)) == {"", "tuner.exploration.sigma=0.2"}
 
 
 def test_tuners_on_other_terms_are_rows_of_their_own(runs):
@@ -97,10 +97,10 @@ def test_evaluation_episodes_of_another_seed_are_refused(runs, capsys):
 
 
 def test_seeds_of_one_row_that_differ_in_settings_are_refused(runs, capsys):
-    write_run(runs, seed=7, costs=(1.0, 2.0),
-              config={"tuner": {"_target_": "somewhere.zoac", "sigma": 0.3}})  # fmt: skip
+    other = {"tuner": {"_target_": "somewhere.zoac", "exploration": {"sigma": 0.3}}}
+    write_run(runs, seed=7, costs=(1.0, 2.0), config=other)
     assert beyond.main([str(runs)]) == 1
-    assert "tuner.sigma: (absent) in seed 0, " in capsys.readouterr().err
+    assert "tuner.exploration.sigma: (absent) in seed 0, " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("changed", [{"task": {**PID, "preceding_std": 0.5}}, {"evaluation": {

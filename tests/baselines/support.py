@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box
-from omegaconf import OmegaConf
 
 import zoac.conf
+from zoac.config.files import configuration
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Segment
@@ -80,20 +80,7 @@ def num_envs(seed: int = 0) -> RolloutEngine:
 
 def tuner_config(name: str) -> dict[str, Any]:
     """The config of a tuner as the command line would resolve it, without a task's wishes."""
-    config = OmegaConf.create(
-        {
-            "tuner": _with_defaults(name),
-            "fidelity": OmegaConf.load(CONF / "fidelity" / "paper.yaml"),
-            "task": {},
-        }
-    )
-    return OmegaConf.to_container(config, resolve=True)["tuner"]
-
-
-def _with_defaults(name: str) -> Any:
-    node = OmegaConf.load(CONF / "tuner" / f"{name}.yaml")
-    parents = [parent for parent in node.pop("defaults", []) if parent != "_self_"]
-    return OmegaConf.merge(*map(_with_defaults, parents), node)
+    return configuration(task=None, tuner=name)["tuner"]
 
 
 def spoiled(segment: Segment, cost: float) -> Segment:

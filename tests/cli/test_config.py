@@ -52,24 +52,27 @@ def test_every_tuner_is_built_for_every_task(tuner, task):
 def test_table_3_reaches_the_tuner():
     pid = resolved(compose_config(["task=pid_acc"]))["tuner"]
     mpc = resolved(compose_config(["task=mpc_tracking"]))["tuner"]
-    keys = ("segment_length", "segments", "sigma", "step_size", "step_size_end", "step_size_slope")
-    assert [pid[k] for k in keys] == [10, 4, 0.08, 3e-2, 1e-2, 2e-4]
-    assert [mpc[k] for k in keys] == [20, 5, 0.1, 5e-2, 1e-2, 1e-4]
-    shared = ("gamma", "lam", "hidden", "critic_step_size", "epochs", "minibatch")
-    assert [pid[k] for k in shared] == [0.99, 0.95, [256, 256], 5e-4, 10, 128]
+    exploration, steps = ("segment_length", "segments", "sigma"), ("first", "last", "slope")
+    assert [pid["exploration"][k] for k in exploration] == [10, 4, 0.08]
+    assert [mpc["exploration"][k] for k in exploration] == [20, 5, 0.1]
+    assert [pid["step_size"][k] for k in steps] == [3e-2, 1e-2, 2e-4]
+    assert [mpc["step_size"][k] for k in steps] == [5e-2, 1e-2, 1e-4]
+    critic = ("hidden", "step_size", "epochs", "minibatch")
+    assert [pid["critic"][k] for k in critic] == [[256, 256], 5e-4, 10, 128]
+    assert (pid["gamma"], pid["lam"]) == (0.99, 0.95)
 
 
 def test_fidelity_reaches_the_task():
     config = resolved(compose_config(["task=pid_acc", "fidelity=authors_code"]))
     assert config["task"]["jerk"] == "commanded_increment"
-    assert config["tuner"]["anneal"] is False
-    assert config["tuner"]["minibatch_remainder"] == "joined"
+    assert config["tuner"]["step_size"]["anneal"] is False
+    assert config["tuner"]["critic"]["minibatch_remainder"] == "joined"
 
 
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("tuner.sgima=1", "did you mean 'tuner.sigma'"),
+        ("tuner.sgima=1", "did you mean 'tuner.exploration.sigma'"),
         ("sede=1", "did you mean 'seed'"),
         ("task=pidacc", "did you mean 'pid_acc'"),
         ("tuner=zoca", "did you mean 'zoac'"),
@@ -108,8 +111,8 @@ def test_a_mistyped_key_is_measured_against_the_chosen_option(overrides, meant):
 @pytest.mark.parametrize(
     ("overrides", "without"),
     [
-        (["tuner=zoac,random", "tuner.sigma=1"], "tuner=random"),
-        (["tuner=random,zoac", "tuner.sigma=1"], "tuner=random"),
+        (["tuner=zoac,random", "tuner.exploration.sigma=1"], "tuner=random"),
+        (["tuner=random,zoac", "tuner.exploration.sigma=1"], "tuner=random"),
         (["tuner=zoac,zoac_plus", "task=lqr,pid_acc", "task.jerk=rate"], "task=lqr"),
     ],
 )
@@ -147,7 +150,7 @@ def test_a_sweep_over_something_is_not(override):
         ("eval_every=1e+3", "eval_every=1000"),
         ("budget=1.5e0", "budget=1.5e0"),
         ("budget=1e99", "budget=1e99"),
-        ("tuner.sigma=1e1", "tuner.sigma=1e1"),
+        ("tuner.exploration.sigma=1e1", "tuner.exploration.sigma=1e1"),
         ("variant=budget=1e3", "variant=budget=1e3"),
     ],
 )
@@ -162,13 +165,16 @@ def test_numbers_of_steps_may_be_written_with_an_exponent(given, read):
         ("budget=-1", "budget=-1"),
         ("seed=-1", "seed=-1"),
         ("evaluation.episodes=0", "evaluation.episodes=0"),
-        ("tuner.sigma=abc", "tuner.sigma='abc'"),
-        ("tuner.sigma=-1", "tuner.sigma=-1: input should be greater than 0"),
+        ("tuner.exploration.sigma=abc", "tuner.exploration.sigma='abc'"),
+        (
+            "tuner.exploration.sigma=-1",
+            "tuner.exploration.sigma=-1: input should be greater than 0",
+        ),
         ("tuner.gamma=1.2", "tuner.gamma=1.2"),
-        ("tuner.hidden=[3,x]", r"tuner.hidden\[1\]='x'"),
+        ("tuner.critic.hidden=[3,x]", r"tuner.critic.hidden\[1\]='x'"),
         ("tuner.recommend=lats", "'last' or 'average'"),
         ("task.jerk=rat", "'rate', 'increment' or 'commanded_increment'"),
-        ("tuner.sigma=nan", "NaN"),
+        ("tuner.exploration.sigma=nan", "NaN"),
         ("executor.workers=0 executor=process", "executor.workers=0"),
     ],
 )
@@ -181,8 +187,14 @@ def test_a_bad_value_is_named(override, message):
 
 
 def test_a_variant_is_what_the_overrides_change_beyond_identity():
-    overrides = ["task=pid_acc", "seed=3", "tuner.sigma=0.2", "budget=100", "executor=process"]
-    assert variant_of({"variant": None}, overrides) == "budget=100,tuner.sigma=0.2"
+    overrides = [
+        "task=pid_acc",
+        "seed=3",
+        "tuner.exploration.sigma=0.2",
+        "budget=100",
+        "executor=process",
+    ]
+    assert variant_of({"variant": None}, overrides) == "budget=100,tuner.exploration.sigma=0.2"
     assert variant_of({"variant": None}, overrides[:2]) is None
     assert variant_of({"variant": "mine"}, overrides) == "mine"
 
@@ -227,6 +239,9 @@ def test_a_method_is_a_task_and_a_tuner(name):
         (["tuner=bo", "tuner.reevaluate_share=0.2"], "tuner.reevaluate_fraction"),
         (["task=mpc_tracking", "task.mpc.linearise_about=zero"], "task.mpc.initial_guess"),
         (["method=ours"], "zoac"),
+        (["tuner.sigma=0.2"], "tuner.exploration.sigma"),
+        (["tuner=zoac_plus", "tuner.hidden=[8]"], "tuner.critic.hidden"),
+        (["tuner.step_size_end=0.01"], "tuner.step_size.last"),
     ],
 )
 def test_a_former_name_is_refused_with_the_present_one(overrides, now):

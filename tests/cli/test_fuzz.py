@@ -18,10 +18,12 @@ KEYS = [
     "seed", "budget", "num_envs", "eval_every", "evaluation", "evaluation.episodes",
     "evaluation.seed",
     "checkpoint_seconds", "runs_dir", "variant", "resume", "task", "tuner", "executor",
-    "mpc_solver", "fidelity", "logger", "method", "experiment", "tuner.sigma", "tuner.hidden",
-    "tuner.recommend", "tuner.segments", "tuner.population", "tuner._target_", "task.jerk",
-    "task.mpc.horizon", "task.solver", "task._target_", "task.tuned_for", "executor.workers",
-    "mpc_solver.tolerance", "fidelity.jerk", "logger.wandb.mode", "hydra", "hydra/launcher",
+    "mpc_solver", "fidelity", "logger", "method", "experiment",
+    "tuner.exploration.sigma", "tuner.exploration", "tuner.critic.hidden", "tuner.step_size",
+    "tuner.recommend", "tuner.exploration.segments", "tuner.population", "tuner._target_",
+    "task.jerk", "executor.workers",
+    "task.mpc.horizon", "task.solver", "task._target_", "preset", "preset@tuner",
+    "mpc_solver.tolerance", "fidelity.source", "logger.wandb.mode", "hydra", "hydra/launcher",
     "hydra.run.dir", "", ".", "a.b", "é",
 ]  # fmt: skip
 VALUES = [

@@ -65,21 +65,24 @@ def test_a_bad_key_gives_one_message_no_traceback_and_a_code(tmp_path):
 
 
 def test_one_failing_job_leaves_its_siblings_alone_and_is_told_at_the_end(tmp_path):
-    done = zoac("-m", "tuner.sigma=-1,0.1", *SMALL[:-1], cwd=tmp_path)
+    done = zoac("-m", "tuner.exploration.sigma=-1,0.1", *SMALL[:-1], cwd=tmp_path)
     assert done.returncode == 1
     assert "1 job(s) of the sweep failed" in done.stderr
-    assert "tuner.sigma=-1: input should be greater than 0" in done.stderr
+    assert "tuner.exploration.sigma=-1: input should be greater than 0" in done.stderr
     assert "Traceback" not in done.stderr
     assert len(list(tmp_path.rglob("result.json"))) == 1
 
 
 def test_another_configuration_in_the_same_folder_is_refused_by_key(tmp_path):
     assert zoac(*SMALL, cwd=tmp_path).returncode == 0
-    done = zoac(*SMALL, "tuner.sigma=0.3", cwd=tmp_path)
+    done = zoac(*SMALL, "tuner.exploration.sigma=0.3", cwd=tmp_path)
     assert done.returncode == 1
-    assert "tuner.sigma: 0.08 there, 0.3 now" in done.stderr
+    assert "tuner.exploration.sigma: 0.08 there, 0.3 now" in done.stderr
     assert zoac(*SMALL, "resume=never", cwd=tmp_path).returncode == 1
-    assert zoac(*SMALL, "tuner.sigma=0.3", "resume=overwrite", cwd=tmp_path).returncode == 0
+    assert (
+        zoac(*SMALL, "tuner.exploration.sigma=0.3", "resume=overwrite", cwd=tmp_path).returncode
+        == 0
+    )
 
 
 @pytest.mark.parametrize("mode", [[], ["-m"]])

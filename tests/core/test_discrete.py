@@ -163,9 +163,11 @@ def act(params, obs):
 
 @pytest.mark.parametrize("tuner", ["zoac", "random"])
 def test_tuners_find_the_best_option_and_number(tuner):
-    options = (
-        {"hidden": [16], "segment_length": 5, "segments": 4, "epochs": 1} if tuner == "zoac" else {}
-    )
+    small = {
+        "critic": {"hidden": [16], "epochs": 1},
+        "exploration": {"segment_length": 5, "segments": 4},
+    }
+    options = small if tuner == "zoac" else {}
     result = zoac.tune(
         env=Drift, controller=act, tuner=tuner, budget=4000, num_envs=8, max_episode_steps=20,
         space={"n": (1, 5, "integer"), "law": {"choices": ["weak", "right", "wrong"]}},

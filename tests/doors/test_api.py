@@ -246,11 +246,11 @@ def test_a_built_in_task_by_name():
     ("changes", "message"),
     [
         ({"tuner": "zoca"}, "did you mean 'zoac'"),
-        ({"tuner_options": {"sgima": 1}}, "did you mean 'sigma'"),
-        ({"tuner_options": {"sigma": -1}}, "tuner.sigma=-1"),
+        ({"tuner_options": {"sgima": 1}}, "did you mean 'exploration.sigma'"),
+        ({"tuner_options": {"exploration": {"sigma": -1}}}, "tuner.exploration.sigma=-1"),
         ({"budget": -5}, "budget=-5"),
         ({"eval_every": 0}, "eval_every=0"),
-        ({"initial_sigma": "high"}, "initial_sigma='high': expected a number or None"),
+        ({"initial_sigma": "high"}, "initial_sigma='high': input should be a valid number"),
         ({"controller": None}, "needs a task, or all of env, controller and space"),
         ({"task": "pid_acc"}, "either task or env"),
         ({"space": {"k": {"low": 0, "high": 2, "baseline": 9}}}, "'k': 9.0 lies outside"),
@@ -284,7 +284,7 @@ def test_whole_numbers_may_be_written_as_floats_and_nothing_else_may():
     assert written.parameters == tune(budget=100, seed=3).parameters
     assert isinstance(read_run(written.folder)["seed"], int)
     for option in ({"budget": 10.5}, {"seed": "a"}, {"num_envs": True}):
-        with pytest.raises(ConfigError, match="expected a whole number"):
+        with pytest.raises(ConfigError, match="valid integer"):
             tune(**option)
 
 

@@ -169,7 +169,7 @@ def test_a_run_ends_on_the_same_bits_stopped_before_and_after_the_move(
         return zoac.tune(
             task=zoac.make_task(task, max_episode_steps=20), budget=800, num_envs=4, episodes=2,
             final_episodes=2, executor=executor, folder=tmp_path / executor,
-            tuner_options={"segment_length": 5, "segments": 4},
+            tuner_options={"exploration": {"segment_length": 5, "segments": 4}},
         )  # fmt: skip
 
     expected = tune("serial")

@@ -57,7 +57,10 @@ def test_a_dead_process_is_told_from_one_that_still_runs(tmp_path):
 
 def test_the_launcher_makes_no_variant():
     config = {"variant": None}
-    assert variant_of(config, ["launcher=joblib", "seed=1", "tuner.sigma=0.2"]) == "tuner.sigma=0.2"
+    assert (
+        variant_of(config, ["launcher=joblib", "seed=1", "tuner.exploration.sigma=0.2"])
+        == "tuner.exploration.sigma=0.2"
+    )
 
 
 def test_a_launcher_that_is_not_installed_is_named_with_its_extra():

@@ -173,7 +173,11 @@ def leans_left(segment):
     ("tuner", "budget", "options"),
     [
         ("random", 1000, {}),
-        ("zoac", 2000, {"hidden": [16], "segment_length": 10, "segments": 2}),
+        (
+            "zoac",
+            2000,
+            {"critic": {"hidden": [16]}, "exploration": {"segment_length": 10, "segments": 2}},
+        ),
     ],
 )
 def test_every_kind_of_tuner_keeps_a_constraint_that_costs(tuner, budget, options):

@@ -3,10 +3,11 @@ from pathlib import Path
 import pytest
 
 from stress.disk_full import small_disk, stopped_by_a_full_disk
+from tests.algorithm.support import grouped
 from tests.algorithm.test_zoac import OPTIONS
 from tests.support import CountingTask
 from zoac.algorithm.zoac import Zoac
-from zoac.config.settings import Settings
+from zoac.config.settings import Evaluation, Settings
 from zoac.core.tuner import Problem
 from zoac.executors.base import Serial
 from zoac.runs.log import RunLog
@@ -18,14 +19,16 @@ RUN = {"format": 1, "task": "t", "tuner": "x", "seed": 0, "variant": None, "conf
 
 def train_in(folder, make_log):
     """Train in a folder, with a checkpoint after every iteration; return the folder."""
-    settings = Settings(budget=200, num_envs=3, eval_every=50, episodes=2, final_episodes=3,
-                        checkpoint_seconds=0.0)  # fmt: skip
+    settings = Settings(budget=200, num_envs=3, eval_every=50,
+                        evaluation=Evaluation(2, 3), checkpoint_seconds=0.0)  # fmt: skip
     task = CountingTask(max_episode_steps=7)
     executor = Serial()
     executor.start(task, settings.num_envs, settings.seed)
     folder.mkdir(exist_ok=True)
     log = make_log(folder, RUN)
-    tuner = Zoac(Problem(task.space, 3, settings.num_envs, settings.budget, 7, 0), **OPTIONS)
+    tuner = Zoac(
+        Problem(task.space, 3, settings.num_envs, settings.budget, 7, 0), **grouped(**OPTIONS)
+    )
     try:
         Trainer(task, tuner, executor, settings, log).run()
     finally:

@@ -26,8 +26,8 @@ from zoac.search import Search, split  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 OPTIONS = {
-    "ranges": {"tuner": {"sigma": {"low": 0.02, "high": 0.4, "log": True},
-                         "segments": {"low": 1, "high": 10}}},
+    "ranges": {"tuner": {"exploration": {"sigma": {"low": 0.02, "high": 0.4, "log": True},
+                                         "segments": {"low": 1, "high": 10}}}},
     "trials": 12, "seeds": [5, 6], "evaluation_seed": 7, "startup": 3, "prune": False, "seed": 0,
     "name": None, "storage": None,
 }  # fmt: skip
@@ -38,7 +38,8 @@ class Cheap(Search):
     """A search whose runs cost a known function of the options, and of the seed."""
 
     def _cost(self, trial, seed):
-        return abs(trial.params["tuner.sigma"] - 0.3) + trial.params["tuner.segments"] + seed
+        sigma, segments = (trial.params[f"tuner.exploration.{n}"] for n in ("sigma", "segments"))
+        return abs(sigma - 0.3) + segments + seed
 
 
 def cheap(folder, **changes):
@@ -52,7 +53,7 @@ def seen(search):
 def test_a_trial_is_the_mean_over_seeds_and_the_first_one_today_s_options(tmp_path):
     search = cheap(tmp_path, trials=1)
     search.run()
-    today = {"tuner.sigma": 0.08, "tuner.segments": 4}
+    today = {"tuner.exploration.sigma": 0.08, "tuner.exploration.segments": 4}
     assert seen(search) == [(0, today, pytest.approx(0.22 + 4 + 5.5))]
 
 
@@ -143,7 +144,7 @@ def test_a_trial_that_cannot_run_counts_as_failed_and_is_not_taken_up(tmp_path):
         {"runs": [*RUNS, "budget=7"]},
         {"seeds": [5, 6, 7]},
         {"evaluation_seed": 8},
-        {"ranges": {"tuner": {"sigma": {"low": 0.01, "high": 0.4}}}},
+        {"ranges": {"tuner": {"exploration": {"sigma": {"low": 0.01, "high": 0.4}}}}},
     ],
 )
 def test_a_study_of_another_configuration_is_refused(tmp_path, changes):
@@ -159,7 +160,8 @@ def test_the_best_trial_is_written_as_overrides(tmp_path, capsys):
     best = json.loads((tmp_path / "pid_acc-zoac" / "best.json").read_text())
     assert best["cost_mean"] == min(value for _, _, value in seen(search))
     assert best["cost_mean"] < best["first_cost_mean"]
-    assert f"tuner.sigma={best['options']['tuner.sigma']}" in capsys.readouterr().out
+    sigma = best["options"]["tuner.exploration.sigma"]
+    assert f"tuner.exploration.sigma={sigma}" in capsys.readouterr().out
 
 
 def test_ranges():
@@ -181,7 +183,7 @@ def test_ranges():
         ({"tuner": {"sigma": {"low": 2, "high": 1}}}, "tuner.sigma: .*low"),
         ({"tuner": {"sigma": {"low": 1, "high": 2, "logg": 1}}}, "did you mean 'log'"),
         ({"tuner": {"sigma": 0.1}}, "expected low and high"),
-        ({"tuner": {"sgima": {"low": 1, "high": 2}}}, "did you mean 'sigma'"),
+        ({"tuner": {"gama": {"low": 1, "high": 2}}}, "did you mean 'gamma'"),
     ],
 )
 def test_a_range_that_cannot_be_used_is_named(tmp_path, ranges, message):

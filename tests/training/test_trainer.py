@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tests.algorithm.support import grouped
 from tests.algorithm.test_zoac import OPTIONS
 from tests.support import CountingTask
 from zoac.algorithm.zoac import Zoac
-from zoac.config.settings import Settings
+from zoac.config.settings import Evaluation, Settings
 from zoac.core.errors import RunFolderError
 from zoac.core.tuner import Problem
 from zoac.executors.base import Serial
@@ -23,8 +24,8 @@ RUN = {"format": 1, "task": "t", "tuner": "x", "seed": 0, "variant": None, "conf
 
 
 def train(folder, executor=None, stop=lambda: False, tuner=Zoac, ends_after=None, **settings):
-    settings = Settings(**{"budget": 200, "num_envs": 3, "eval_every": 50, "episodes": 2,
-                           "final_episodes": 3, **settings})  # fmt: skip
+    settings = Settings(**{"budget": 200, "num_envs": 3, "eval_every": 50,
+                           "evaluation": Evaluation(2, 3), **settings})  # fmt: skip
     task = CountingTask(7, ends_after)
     problem = Problem(task.space, 3, settings.num_envs, settings.budget, 7, settings.seed)
     executor = executor or Serial()
@@ -32,7 +33,9 @@ def train(folder, executor=None, stop=lambda: False, tuner=Zoac, ends_after=None
     folder.mkdir(exist_ok=True)
     log = RunLog(folder, RUN)
     try:
-        return Trainer(task, tuner(problem, **OPTIONS), executor, settings, log, stop).run()
+        return Trainer(
+            task, tuner(problem, **grouped(**OPTIONS)), executor, settings, log, stop
+        ).run()
     finally:
         executor.close()
         log.close()

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
 
-Remainder = Literal["separate", "joined"]
+from zoac.algorithm.options import CriticOptions
 
 _FLOAT: dict[str, Any] = {"dtype": torch.float32, "device": "cpu"}
 
@@ -43,34 +43,17 @@ class Critic:
 
     @_own_settings()
     def __init__(
-        self,
-        observation_size: int,
-        hidden: Sequence[int],
-        learning_rate: float,
-        epochs: int,
-        minibatch: int,
-        rng: np.random.Generator,
-        normalise_observations: bool = False,
-        target_scale: float = 1.0,
-        remainder: Remainder = "separate",
+        self, observation_size: int, options: CriticOptions, rng: np.random.Generator
     ) -> None:
         """
         Args:
             observation_size: Length o of an observation.
-            hidden: Widths of the hidden layers.
-            learning_rate: Adam's step size.
-            epochs: M, passes over an iteration's states.
-            minibatch: L, states per gradient step.
+            options: Network and fit.
             rng: Stream for initial weights and minibatches.
-            normalise_observations: Shift and scale observations by running statistics.
-            target_scale: Factor on the targets inside the network, for costs far from 1.
-            remainder: States that minibatches leave over are a smaller one, or join the last.
         """
-        self._rng, self._epochs = rng, epochs
-        self._minibatch, self._join = minibatch, remainder == "joined"
-        self._normalise, self._target_scale = normalise_observations, target_scale
+        self._rng, self._options = rng, options
         self._statistics = RunningStatistics(observation_size)
-        sizes = [observation_size, *hidden, 1]
+        sizes = [observation_size, *options.hidden, 1]
         # One vector of all weights: Adam moves it in one call.
         count = sum((below + 1) * width for below, width in pairwise(sizes))
         self._weights = torch.nn.Parameter(torch.zeros(count, **_FLOAT), requires_grad=False)
@@ -81,8 +64,8 @@ class Critic:
         for matrix, bias in self._layers:
             gain = 1.0 if bias is self._layers[-1][1] else 5 / 3
             torch.nn.init.orthogonal_(matrix.t(), gain=gain, generator=generator)
-        self._adam = torch.optim.Adam([self._weights], lr=learning_rate, fused=True)
-        most = 2 * minibatch - 1 if self._join else minibatch
+        self._adam = torch.optim.Adam([self._weights], lr=options.step_size, fused=True)
+        most = max(minibatches(2 * options.minibatch - 1, options))
         self._outputs = [torch.empty(most, width, **_FLOAT) for width in sizes[1:]]
         self._flows = [torch.empty_like(memory) for memory in self._outputs]
         self._one = torch.ones((), **_FLOAT)
@@ -90,9 +73,9 @@ class Critic:
     @_own_settings()
     def values(self, observations: np.ndarray) -> np.ndarray:
         """Return V_w of observations (B, o), shape (B,), float64."""
-        parts = self._inputs(observations).split(self._minibatch)
+        parts = self._inputs(observations).split(self._options.minibatch)
         values = [self._forward(part)[-1].flatten().double() for part in parts]
-        return torch.cat(values).numpy() / self._target_scale
+        return torch.cat(values).numpy() / self._options.target_scale
 
     @_own_settings()
     def fit(self, observations: np.ndarray, targets: np.ndarray) -> float:
@@ -102,20 +85,22 @@ class Critic:
             observations: States (B, o).
             targets: Value targets (B,).
         """
-        if self._normalise:
+        if self._options.normalise_observations:
             self._statistics.update(observations)
         inputs = self._inputs(observations)
-        wanted = torch.from_numpy((targets * self._target_scale).astype(np.float32)).unsqueeze(1)
-        parts = minibatches(len(inputs), self._minibatch, self._join)
+        wanted = torch.from_numpy(
+            (targets * self._options.target_scale).astype(np.float32)
+        ).unsqueeze(1)
+        parts = minibatches(len(inputs), self._options)
         shuffled, squares = torch.empty_like(inputs), 0.0
-        for _ in range(self._epochs):
+        for _ in range(self._options.epochs):
             order = torch.from_numpy(self._rng.permutation(len(inputs)))
             states = torch.index_select(inputs, 0, order, out=shuffled).split(parts)
             squares = sum(map(self._step, states, wanted[order].split(parts)))
         for moment in self._adam.state[self._weights].values():
             # Without a gradient it would end as a subnormal number, slower than any other.
             moment[moment.abs() < torch.finfo(moment.dtype).smallest_normal] = 0.0
-        return 0.5 * squares / len(inputs) / self._target_scale**2
+        return 0.5 * squares / len(inputs) / self._options.target_scale**2
 
     def _inputs(self, observations: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(self._statistics.normalised(observations).astype(np.float32))
@@ -196,11 +181,11 @@ class RunningStatistics:
         return np.clip((observations - mean) / (np.sqrt(squares / count) + 1e-8), -10.0, 10.0)
 
 
-def minibatches(states: int, size: int, join: bool) -> list[int]:
-    """Return the sizes of the minibatches; `join`: what is left over belongs to the last one."""
-    whole, rest = divmod(states, size)
-    sizes = [size] * whole
-    if rest and join and whole:
+def minibatches(states: int, options: CriticOptions) -> list[int]:
+    """Return the sizes of the minibatches of so many states."""
+    whole, rest = divmod(states, options.minibatch)
+    sizes = [options.minibatch] * whole
+    if rest and whole and options.minibatch_remainder == "joined":
         sizes[-1] += rest
     elif rest:
         sizes.append(rest)

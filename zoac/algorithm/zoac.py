@@ -14,12 +14,12 @@ from pydantic import Field
 
 from zoac.algorithm.adam import Adam
 from zoac.algorithm.advantage import estimate
-from zoac.algorithm.critic import Critic, Remainder
+from zoac.algorithm.critic import Critic
 from zoac.algorithm.gradient import standardised, zeroth_order_gradient
+from zoac.algorithm.options import CriticOptions, Exploration, StepSize
 from zoac.core.errors import ConfigError
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner
-from zoac.core.types import Count, NonNegative, Positive
 from zoac.rollout.outcomes import step_costs
 
 CRITIC_LIMIT = 1e15
@@ -41,77 +41,41 @@ class Zoac(Tuner):
         self,
         problem: Problem,
         *,
-        segment_length: Count,
-        segments: Count,
-        sigma: Positive,
-        step_size: Positive,
-        step_size_end: Positive | None = None,
-        step_size_slope: NonNegative = 0.0,
-        anneal: bool = True,
+        exploration: Exploration = Exploration(),
+        step_size: StepSize = StepSize(),
+        critic: CriticOptions = CriticOptions(),
         start: Literal["random", "baseline"] = "random",
         gamma: UnitInterval = 0.99,
         lam: UnitInterval = 0.95,
-        hidden: Sequence[Count] = (256, 256),
-        critic_step_size: Positive = 5e-4,
-        epochs: Count = 10,
-        minibatch: Count = 128,
-        minibatch_remainder: Remainder = "separate",
         standardise_advantages: bool = True,
-        normalise_observations: bool = False,
-        critic_target_scale: Positive = 1.0,
         project: bool = True,
-        mirrored: bool = False,
         recommend: Literal["last", "average"] = "last",
         average_decay: UnitInterval = 0.97,
     ) -> None:
         """
         Args:
             problem: What is tuned.
-            segment_length: N, steps that a perturbation is held.
-            segments: H, segments per environment and iteration ("train frequency").
-            sigma: Standard deviation of the perturbation in the mapped box.
-            step_size: Step size of the first iteration.
-            step_size_end: Step size at which annealing stops; None: the first one.
-            step_size_slope: Decrease of the step size per iteration.
-            anneal: False keeps the first step size (the authors' code).
+            exploration: Which segments an iteration runs.
+            step_size: Of the parameters, over the iterations.
+            critic: Its network and fit.
             start: Begin anywhere in the box (the paper), or at the task's baseline parameters.
             gamma: Discount factor.
             lam: lambda of generalised advantage estimation.
-            hidden: Widths of the critic's hidden layers.
-            critic_step_size: alpha_critic.
-            epochs: M, passes of the critic over an iteration's states.
-            minibatch: L.
-            minibatch_remainder: States left over by L are one more minibatch, or join the last.
             standardise_advantages: Mean 0 and deviation 1 over an iteration's segments.
-            normalise_observations: For the critic, by running statistics.
-            critic_target_scale: Factor on the critic's targets.
             project: Keep theta_m in Theta_m = [-1, 1]^d, as Algorithm 1 states it; False clips
                 only where parameters are mapped, so that an iterate can wander outside, where
                 perturbations change nothing and nothing draws it back.
-            mirrored: Environments 2i and 2i + 1 use opposite perturbations.
             recommend: The last iterate, or an exponential average of the iterates.
             average_decay: Decay of that average per iteration.
         """
         self._problem = problem
-        self._length, self._segments = segment_length, segments
-        self._sigma = sigma
-        self._step_sizes = (step_size, step_size_end or step_size, step_size_slope if anneal else 0)
+        self._exploration, self._step_size = exploration, step_size
+        self._sigma = exploration.sigma
         self._gamma, self._lam = gamma, lam
-        self._standardise, self._mirrored = standardise_advantages, mirrored
-        self._project = project
+        self._standardise, self._project = standardise_advantages, project
         self._recommend, self._decay = recommend, average_decay
         self._rng = problem.rng("tuner")
-        self._critic = Critic(
-            observation_size=problem.observation_size,
-            hidden=hidden,
-            learning_rate=critic_step_size,
-            epochs=epochs,
-            minibatch=minibatch,
-            remainder=minibatch_remainder,
-            rng=problem.rng("critic"),
-            normalise_observations=normalise_observations,
-            target_scale=critic_target_scale,
-        )
+        self._critic = Critic(problem.observation_size, critic, problem.rng("critic"))
         dimension = problem.space.dimension
         self._start = start
         self._theta = self._rng.uniform(-1.0, 1.0, dimension)  # theta_m
@@ -130,22 +94,23 @@ class Zoac(Tuner):
     def ask(self) -> list[Proposal]:
         """Return n H segments around theta_m (Algorithm 1, lines 3 to 6)."""
         num_envs = self._problem.num_envs
-        shape = (self._segments, num_envs, self._problem.space.dimension)
+        shape = (self._exploration.segments, num_envs, self._problem.space.dimension)
         epsilon = self._rng.standard_normal(shape)
-        if self._mirrored:
+        if self._exploration.mirrored:
             half = num_envs // 2
             epsilon[:, 1 : 2 * half : 2] = -epsilon[:, 0 : 2 * half : 2]
         self._directions = epsilon.reshape(-1, shape[-1])
         return [
             proposal
-            for j in range(self._segments)
+            for j in range(self._exploration.segments)
             for i in range(num_envs)
             for proposal in self._perturbed(self._sigma * epsilon[j, i], i)
         ]
 
     def _perturbed(self, offset: np.ndarray, env_index: int) -> list[Proposal]:
         """Return what is run for one direction."""
-        return [Proposal(x=self._theta + offset, env_index=env_index, horizon=self._length)]
+        horizon = self._exploration.segment_length
+        return [Proposal(x=self._theta + offset, env_index=env_index, horizon=horizon)]
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Update critic and parameters (Algorithm 1, lines 7 to 13)."""
@@ -207,8 +172,7 @@ class Zoac(Tuner):
     @property
     def step_size(self) -> float:
         """Annealed linearly, then held."""
-        first, last, slope = self._step_sizes
-        return max(min(first, last), first - slope * self._iteration)
+        return self._step_size.at(self._iteration)
 
     def recommend(self) -> np.ndarray:
         """Return the last iterate, or the average, inside the mapped box."""

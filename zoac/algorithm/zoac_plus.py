@@ -7,11 +7,12 @@ each part brings.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
+from zoac.algorithm.options import CriticOptions, Exploration, StepSize
 from zoac.algorithm.zoac import UnitInterval, Zoac
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem
@@ -42,6 +43,11 @@ class ZoacPlus(Zoac):
         self,
         problem: Problem,
         *,
+        exploration: Exploration = Exploration(segment_length=50, segments=2, sigma=0.07),
+        step_size: StepSize = StepSize(first=3e-2, last=None, slope=0.0),
+        critic: CriticOptions = CriticOptions((64, 64), epochs=5, normalise_observations=True),
+        recommend: Literal["last", "average"] = "average",
+        average_decay: UnitInterval = 0.9,
         paired: bool = True,
         halving_fraction: UnitInterval = 0.4,
         halving_rounds: Count = 6,
@@ -54,6 +60,11 @@ class ZoacPlus(Zoac):
         """
         Args:
             problem: What is tuned.
+            exploration: See `Zoac`.
+            step_size: See `Zoac`.
+            critic: See `Zoac`.
+            recommend: See `Zoac`; where no part of the budget is for a final selection.
+            average_decay: See `Zoac`.
             paired: Run every direction both ways from the same state.
             halving_fraction: Of the budget, for finding a start; 0 starts as `start` says.
             halving_rounds: Rounds of successive halving, with horizons that grow to an episode.
@@ -66,10 +77,17 @@ class ZoacPlus(Zoac):
             max_termination_rate: Fraction of an iteration's segments that may terminate. Above it
                 perturbation and step shrink, below it they grow back. None: any. For safe
                 exploration from known gains, with halving_fraction=0: halving tries the whole box.
-            options: Those of `Zoac`.
+            options: Other options of `Zoac`.
         """
-        super().__init__(problem, **options)
-        self._full_sigma = self._sigma
+        super().__init__(
+            problem,
+            exploration=exploration,
+            step_size=step_size,
+            critic=critic,
+            recommend=recommend,
+            average_decay=average_decay,
+            **options,
+        )
         self._paired = paired and problem.supports_snapshots
         self._max_termination_rate, self._shrinkage = max_termination_rate, 1.0
         self._halving = SuccessiveHalving(
@@ -104,7 +122,8 @@ class ZoacPlus(Zoac):
         if not self._halving.over or not self._selection_fraction:
             return False
         # A small budget: another iteration would leave too few steps to choose by.
-        iteration = self._segments * self._length * self._problem.num_envs * (1 + self._paired)
+        segment = self._exploration.segment_length * self._problem.num_envs * (1 + self._paired)
+        iteration = self._exploration.segments * segment
         left = self._problem.budget - self._spent - iteration
         few = self._spent > 0 and left < self._selection.steps(self._selection.busy)
         return self._selection.begun or self._spent >= self._search_to or few
@@ -117,7 +136,7 @@ class ZoacPlus(Zoac):
             if not self._selection.begun:
                 self._selection.enter_baseline()
             return self._selection.ask_within(self._problem.budget - self._spent)
-        self._sigma = self._shrinkage * self._full_sigma
+        self._sigma = self._shrinkage * self._exploration.sigma
         return super().ask()
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
@@ -163,11 +182,10 @@ class ZoacPlus(Zoac):
     def _perturbed(self, offset: np.ndarray, env_index: int) -> list[Proposal]:
         if not self._paired:
             return super()._perturbed(offset, env_index)
+        horizon = self._exploration.segment_length
         return [
-            Proposal(
-                x=self._theta + offset, env_index=env_index, horizon=self._length, restore=True
-            ),
-            Proposal(x=self._theta - offset, env_index=env_index, horizon=self._length),
+            Proposal(x=self._theta + offset, env_index=env_index, horizon=horizon, restore=True),
+            Proposal(x=self._theta - offset, env_index=env_index, horizon=horizon),
         ]
 
     def _weights(self, advantages: np.ndarray) -> np.ndarray:

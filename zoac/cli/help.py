@@ -25,7 +25,8 @@ usage: python -m zoac.run [group=choice ...] [key=value ...] [-m]
 == Keys ==
 {keys}
 
-Options of a choice are keys too: tuner.sigma=0.1, task.max_episode_steps=500, executor.workers=2.
+Options of a choice are keys too: tuner.exploration.sigma=0.1, task.max_episode_steps=500,
+executor.workers=2.
 --hydra-help shows Hydra's own flags.
 """
 

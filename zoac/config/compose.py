@@ -30,7 +30,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from zoac.config.files import CONFIG_MODULE, own_conf
 from zoac.config.settings import WITHOUT_EFFECT, Evaluation, Settings
-from zoac.core.errors import ConfigError, suggest
+from zoac.core.errors import ConfigError, option_names, suggest
 
 GROUPS = (
     "task", "tuner", "executor", "mpc_solver", "fidelity", "logger", "launcher", "method",
@@ -279,8 +279,9 @@ def _siblings(key: str, overrides: Sequence[str]) -> str:
             break
     if node is None and "." in parent:  # what is unknown stands further up
         return _siblings(parent, overrides)
-    names = [str(name) for name in node] if isinstance(node, DictConfig) else []
-    known = [name for name in names if name[0] != "_" and name not in NOT_OF_THE_RUN]
+    plain: Any = OmegaConf.to_container(node) if isinstance(node, DictConfig) else {}
+    inside = plain if parent else dict.fromkeys(plain)  # of the run, the top level alone
+    known = [name for name in option_names(inside) if name not in NOT_OF_THE_RUN]
     prefix = f"{parent}." if parent else ""
     if parent in GROUPS and not known:
         option = config.hydra.runtime.choices[parent]

@@ -43,9 +43,8 @@ def configuration(**chosen: str | None) -> dict[str, Any]:
     run = _read("run", "")
     names: dict[str, Any] = {}
     entries: Any = OmegaConf.to_container(run.pop("defaults"))  # as they stand
-    for key, name in (
-        pair for entry in entries if isinstance(entry, dict) for pair in entry.items()
-    ):
+    pairs = [pair for entry in entries if isinstance(entry, dict) for pair in entry.items()]
+    for key, name in pairs:
         group, _, place = key.removeprefix("optional ").partition("@")
         if group in NOT_OF_A_RUN or group.startswith("override"):
             continue

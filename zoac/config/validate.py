@@ -12,7 +12,7 @@ import math
 import re
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -97,11 +97,14 @@ def check_arguments(
         elif not (isinstance(value, Mapping) and TARGET in value):
             key = f"{where}.{name}" if where else name
             hint = hints.get(name, Any)
-            if isinstance(value, Mapping) and is_dataclass(hint):
+            if isinstance(value, Mapping) and isinstance(hint, type) and is_dataclass(hint):
                 try:
                     check_arguments(hint, value, key)
                 except ConfigError as error:
                     faults.append(str(error))
+            elif isinstance(hint, type) and is_dataclass(hint):
+                names = ", ".join(f"{key}.{option.name}" for option in fields(hint))
+                faults.append(f"{key}={_short(value)}: this is a group of options: {names}")
             else:
                 faults.extend(_faults(value, hint, key))
     needed = (

@@ -85,6 +85,19 @@ RENAMED = {
     "tolerated_terminations": "max_termination_rate",
     "reevaluate_share": "reevaluate_fraction",
     "linearise_about": "initial_guess",
+    "segment_length": "exploration.segment_length",
+    "segments": "exploration.segments",
+    "sigma": "exploration.sigma",
+    "mirrored": "exploration.mirrored",
+    "step_size_end": "step_size.last",
+    "step_size_slope": "step_size.slope",
+    "anneal": "step_size.anneal",
+    "hidden": "critic.hidden",
+    "critic_step_size": "critic.step_size",
+    "epochs": "critic.epochs",
+    "minibatch": "critic.minibatch",
+    "normalise_observations": "critic.normalise_observations",
+    "critic_target_scale": "critic.target_scale",
     "ours": "zoac",
     "ours_reg": "zoac_reg",
 }
@@ -102,12 +115,24 @@ def suggest(name: str, choices: Iterable[str]) -> str:
     place, dot, last = str(name).rpartition(".")
     if (now := f"{place}{dot}{RENAMED.get(last, last)}") in known and last in RENAMED:
         return f"it is now called {now!r}"
-    close = get_close_matches(str(name), known, n=1, cutoff=0.5)
-    hint = f"did you mean {close[0]!r}? " if close else ""
+    by_last = {choice.rpartition(".")[2]: choice for choice in reversed(known)}
+    close = get_close_matches(last, by_last, n=1, cutoff=0.5)
+    hint = f"did you mean {by_last[close[0]]!r}? " if close else ""
     if len(known) > MAX_LISTED:
         nearest = get_close_matches(str(name), known, n=MAX_LISTED, cutoff=0.0)
         return f"{hint}nearest of {len(known)} known: {', '.join(nearest)}"
     return f"{hint}known: {', '.join(known) if known else '(none)'}"
+
+
+def option_names(node: Mapping[str, Any], prefix: str = "") -> list[str]:
+    """Return the names of a node's options, those inside a group by "group.option"."""
+    names = []
+    for key, value in node.items():
+        if isinstance(value, Mapping) and "_target_" not in value and value:
+            names += option_names(value, f"{prefix}{key}.")
+        elif not str(key).startswith("_"):
+            names.append(f"{prefix}{key}")
+    return names
 
 
 MAX_LISTED = 40

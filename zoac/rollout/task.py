@@ -37,6 +37,9 @@ class Task(ABC):
     baseline: Mapping[str, Any] | None = None
     """Present values of the parameters in `space`, to compare with, for tasks that have them."""
 
+    preset: str | None = None
+    """Folder of `conf/preset` with the tuners' options that suit this task."""
+
     def parts(self) -> dict[str, Any]:
         """Return what tells this task from others beyond its configuration, by name.
 

@@ -22,17 +22,28 @@ def around_baseline(options: Mapping[str, Any], initial_sigma: float) -> dict[st
     Raises:
         ConfigError: If the tuner cannot be told where to begin and how far to search.
     """
-    width = next((name for name in ("sigma", "initial_sigma") if name in options), None)
+    group = options.get("exploration", options)
+    width = next((name for name in ("sigma", "initial_sigma") if name in group), None)
     if width is None or "start" not in options:
         raise ConfigError(
             f"initial_sigma={initial_sigma:g}: this tuner has no start and no sigma to set; use "
             "zoac, zoac_plus, es, cmaes or nevergrad"
         )
-    chosen = {**options, "start": "baseline", width: initial_sigma}
+    chosen = {**options, "start": "baseline"}
+    if group is options:
+        chosen[width] = initial_sigma
+    else:
+        chosen["exploration"] = {**group, width: initial_sigma}
     if width == "sigma":
-        factor = initial_sigma / options["sigma"]
-        steps = {k: v for k, v in options.items() if k.startswith("step_size") and v is not None}
-        chosen |= {k: v * factor for k, v in steps.items()}
+        chosen["step_size"] = _scaled(options["step_size"], initial_sigma / group["sigma"])
     if "halving_fraction" in options:
         chosen["halving_fraction"] = 0.0
     return chosen
+
+
+def _scaled(step_size: Any, factor: float) -> Any:
+    """Return a step size, or ZOAC's group of them, times a factor."""
+    if not isinstance(step_size, Mapping):
+        return step_size * factor
+    lengths = {k: v for k, v in step_size.items() if not isinstance(v, bool) and v is not None}
+    return {**step_size, **{name: value * factor for name, value in lengths.items()}}

@@ -1,0 +1,22 @@
+"""ZOAC's options by short names, for tests."""
+
+from dataclasses import fields
+from typing import Any
+
+from zoac.algorithm.options import CriticOptions, Exploration, StepSize
+
+GROUPS = {"exploration": Exploration, "step_size": StepSize, "critic": CriticOptions}
+OF_GROUP = {f.name: group for group, kind in GROUPS.items() for f in fields(kind)}
+
+
+def grouped(**options: Any) -> dict[str, Any]:
+    """Return options with those of a group gathered in it, by the field's name alone.
+
+    `step_size` is the group's first one, not the critic's.
+    """
+    gathered: dict[str, dict[str, Any]] = {}
+    for name, value in options.items():
+        group, field = ("step_size", "first") if name == "step_size" else (OF_GROUP.get(name), name)
+        gathered.setdefault(group or "", {})[field] = value
+    plain = gathered.pop("", {})
+    return plain | {group: GROUPS[group](**given) for group, given in gathered.items()}

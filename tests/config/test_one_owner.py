@@ -1,0 +1,94 @@
+"""A setting is stated once in Python; its YAML file says the same; both readers agree."""
+
+import importlib
+import inspect
+import subprocess
+import sys
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+
+from zoac.config.compose import compose_config, resolved
+from zoac.config.files import choices, configuration
+from zoac.config.settings import Settings
+from zoac.config.validate import _signature
+
+CONF = Path(__file__).parents[2] / "conf"
+
+
+def nodes():
+    """Yield file, place and node of all that YAML files configure from the class's own defaults."""
+    for path in sorted(CONF.rglob("*.yaml")):
+        plain = OmegaConf.to_container(OmegaConf.load(path))
+        if "defaults" not in plain:  # a preset begins from another file
+            yield from inner(str(path.relative_to(CONF)), plain)
+
+
+def inner(place, node):
+    if isinstance(node.get("_target_"), str) and node["_target_"].startswith("zoac."):
+        yield pytest.param(node, id=place)
+    for key, value in node.items():
+        if isinstance(value, dict):
+            yield from inner(f"{place}:{key}", value)
+
+
+def plain(value):
+    """A default as YAML has it."""
+    if is_dataclass(value):
+        return {key: plain(v) for key, v in asdict(value).items()}
+    return list(value) if isinstance(value, tuple) else value
+
+
+@pytest.mark.parametrize("node", list(nodes()))
+def test_the_file_of_a_class_states_its_defaults(node):
+    if node["_target_"].endswith("ray.Ray"):
+        pytest.importorskip("ray", reason="executor=ray needs zoac[ray]")
+    module, _, name = node["_target_"].rpartition(".")
+    arguments, _ = _signature(getattr(importlib.import_module(module), name))
+    stated = {k: v for k, v in node.items() if k in arguments and not is_choice(v)}
+    defaults = {k: plain(arguments[k].default) for k in stated}
+    own = {k: v for k, v in stated.items() if arguments[k].default is not inspect.Parameter.empty}
+    assert own == {k: defaults[k] for k in own}
+
+
+def is_choice(value):
+    """Whether a value is another object, or comes from a group of its own."""
+    return (isinstance(value, dict) and "_target_" in value) or str(value).startswith("${")
+
+
+@pytest.mark.parametrize("tuner", choices("tuner"))
+def test_every_option_of_a_tuner_is_in_its_file(tuner):
+    node = configuration(task=None, tuner=tuner)["tuner"]
+    module, _, name = node["_target_"].rpartition(".")
+    arguments, _ = _signature(getattr(importlib.import_module(module), name))
+    assert set(node) - {"_target_"} == set(arguments) - {"self", "problem"}
+
+
+def test_the_runs_file_states_the_settings_defaults():
+    run = OmegaConf.to_container(OmegaConf.load(CONF / "run.yaml"))
+    assert {key: run[key] for key in asdict(Settings())} == asdict(Settings())
+
+
+@pytest.mark.parametrize("task", choices("task"))
+@pytest.mark.parametrize("tuner", choices("tuner"))
+def test_python_and_command_line_read_the_same_configuration(task, tuner):
+    for fidelity in choices("fidelity"):
+        if "/" in fidelity:
+            continue
+        overrides = [f"task={task}", f"tuner={tuner}", f"fidelity={fidelity}"]
+        composed = resolved(compose_config(overrides))
+        read = configuration(task=task, tuner=tuner, fidelity=fidelity)
+        del composed["logger"]
+        assert read == composed
+
+
+def test_tuning_from_python_needs_no_hydra():
+    code = (
+        "import sys, zoac; zoac.tune(task='lqr', tuner='random', budget=200, quiet=True); "
+        "sys.exit('hydra' in sys.modules)"
+    )
+    assert (
+        subprocess.run([sys.executable, "-c", code], cwd=CONF.parent, check=False).returncode == 0
+    )
