@@ -77,6 +77,8 @@ def test_fidelity_reaches_the_task():
         ("task=pidacc", "did you mean 'pid_acc'"),
         ("tuner=zoca", "did you mean 'zoac'"),
         ("fidelity=papre", "did you mean 'paper'"),
+        ("preset@tuner=pid_acc/zoca", "did you mean 'pid_acc/zoac'"),
+        ("preset=pid_acc/zoac", "write preset@tuner=pid_acc/zoac"),
         ("seed=x", "seed=x.*Integer"),
         ("budget=1.5", "budget=1.5"),
         ("resume=yes", "auto, never, overwrite"),

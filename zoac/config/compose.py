@@ -1,4 +1,4 @@
-"""Composed configuration: its schema, its checks, and what is built from it.
+"""The command line's configuration: composed by Hydra, with messages that a person can use.
 
 This module and `zoac.run` are the only ones that know Hydra.
 """
@@ -10,26 +10,23 @@ import re
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import field, fields, make_dataclass
-from enum import Enum
 from pathlib import Path
-from types import NoneType
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any
 
 from hydra import compose, initialize_config_module
 from hydra.core.config_search_path import ConfigSearchPath
-from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Glob, Override
 from hydra.core.plugins import Plugins
 from hydra.errors import HydraException, OverrideParseException
 from hydra.plugins.search_path_plugin import SearchPathPlugin
-from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from zoac.config.files import CONFIG_MODULE, own_conf
-from zoac.config.settings import WITHOUT_EFFECT, Evaluation, Settings
+from zoac.config.files import CONFIG_MODULE, choices, own_conf
+from zoac.config.schema import NOT_OF_THE_RUN, EvaluationSchema, RunSchema, check_keys
+from zoac.config.settings import WITHOUT_EFFECT
 from zoac.core.errors import ConfigError, option_names, suggest
 
 GROUPS = (
@@ -37,65 +34,17 @@ GROUPS = (
     "experiment", "search",
 )  # fmt: skip
 
+OPTIONAL_GROUPS = {"preset": "tuner", "fidelity/task": "task", "fidelity/tuner": "tuner"}
+"""Group -> the key whose options it sets, for some choices only."""
+
 # Overrides that say which run this is; `records.WITHOUT_EFFECT` cannot change its numbers.
 NOT_A_VARIANT = ("task", "tuner", "seed", "launcher", "method", "experiment")
 
-
-NOT_OF_THE_RUN = ("hydra", "method", "experiment", "search")
 
 EXTRA_OF_LAUNCHER = {
     "joblib": "launchers", "submitit_local": "launchers", "submitit_slurm": "launchers",
     "ray": "ray-launcher",
 }  # fmt: skip
-
-
-class Resume(Enum):
-    """What to do when the run folder holds a run already."""
-
-    auto = "auto"
-    never = "never"
-    overwrite = "overwrite"
-
-
-def _typed(owner: type, defaults: Any) -> list[tuple[str, Any, Any]]:
-    """Return the fields of a dataclass as Hydra takes them: bounds and choices left out."""
-    hints = get_type_hints(owner)
-    return [(f.name, _plain_type(hints[f.name]), getattr(defaults, f.name)) for f in fields(owner)]
-
-
-def _plain_type(hint: Any) -> Any:
-    if get_origin(hint) is Literal:
-        return str
-    if NoneType in get_args(hint):
-        (kind,) = set(get_args(hint)) - {NoneType}
-        return _plain_type(kind) | None
-    return hint
-
-
-_GROUPS_OF_RUN = ("task", "tuner", "executor", "mpc_solver", "fidelity", "logger")
-
-EvaluationSchema = make_dataclass("EvaluationSchema", _typed(Evaluation, Evaluation()))
-
-# Types of the top-level keys; groups are checked against what they configure.
-RunSchema = make_dataclass(
-    "RunSchema",
-    [(group, Any, MISSING) for group in _GROUPS_OF_RUN]
-    + [
-        (name, EvaluationSchema, field(default_factory=EvaluationSchema))
-        if kind is Evaluation
-        else (name, kind, default)
-        for name, kind, default in _typed(Settings, Settings())
-    ]
-    + [
-        ("runs_dir", str, "runs"),
-        ("variant", str | None, None),
-        ("resume", Resume, Resume.auto),
-        ("search", Any, None),  # of `zoac.search`; no part of a run
-    ],
-)
-
-
-ConfigStore.instance().store(group="zoac", name="run_schema", node=RunSchema)
 
 
 class OwnConf(SearchPathPlugin):
@@ -190,6 +139,8 @@ def check_overrides(overrides: Sequence[str]) -> None:
                 f"chooses among the files of a group, such as tuner=glob(zoac*); write numbers as "
                 "seed=0,1,2 or seed=range(0,3)"
             )
+        if key in OPTIONAL_GROUPS and not override.is_delete():
+            _check_optional(text, override)
         if not group or override.is_delete() or override.is_sweep_override():
             continue
         value = override.value()
@@ -205,6 +156,16 @@ def check_overrides(overrides: Sequence[str]) -> None:
                 f"{text}: expected one {key}; to run several, one after the other: "
                 f"-m {key}={','.join(map(str, value))}"
             )
+
+
+def _check_optional(text: str, override: Override) -> None:
+    """Refuse a choice that Hydra would pass over, since the group may be left out."""
+    key = override.key_or_group
+    place = f"{key}@{OPTIONAL_GROUPS[key]}"
+    if override.package != OPTIONAL_GROUPS[key]:
+        raise ConfigError(f"{text}: write {place}={override.value()}")
+    if (name := str(override.value())) not in (known := choices(key)):
+        raise ConfigError(f"unknown {key} {name!r}; {suggest(name, known)}")
 
 
 def _goes_through(override: Override) -> bool:
@@ -314,22 +275,9 @@ def resolved(config: DictConfig) -> dict[str, Any]:
     except OmegaConfBaseException as error:
         raise ConfigError(explain(error, [])) from error
     assert isinstance(plain, dict)
-    _check_keys(plain, RunSchema, "")
-    _check_keys(plain["evaluation"], EvaluationSchema, "evaluation.")
+    check_keys(plain, RunSchema, "")
+    check_keys(plain["evaluation"], EvaluationSchema, "evaluation.")
     return {str(key): value for key, value in plain.items()}
-
-
-def _check_keys(given: Any, schema: type, prefix: str) -> None:
-    """See that a schema's keys are there and no others, which `+key=value` and `~key` can undo."""
-    known = [f.name for f in fields(schema) if f.name not in NOT_OF_THE_RUN]
-    if not isinstance(given, Mapping):
-        raise ConfigError(f"{prefix[:-1]}={given!r}: expected the keys {', '.join(known)}")
-    for key in given:
-        if key not in known:
-            raise ConfigError(f"unknown key '{prefix}{key}'; {suggest(str(key), known)}")
-    for key in known:
-        if key not in given:
-            raise ConfigError(f"{prefix}{key}: a value is needed")
 
 
 def variant_of(config: Mapping[str, Any], overrides: Sequence[str]) -> str | None:
