@@ -303,3 +303,21 @@ def test_terminations_are_tolerated_unless_told_otherwise():
     tuner.tell(ended(group.rollout(tuner.ask()), 16))
     tuner.ask()
     assert tuner._sigma == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("budget", [860, 866, 944])
+def test_a_baseline_that_enters_does_not_undo_the_decision_to_select(budget):
+    """Three episodes of three candidates take fewer steps than the five of two just decided on."""
+    tuner = make_plus(
+        num_envs=10,
+        budget=budget,
+        baseline=np.array([0.3, -0.2]),
+        selection_fraction=1e-3,
+        selection_candidates=2,
+    )
+    group, spent = engine(CountingTask(), list(range(10))), 0
+    while spent < budget:
+        segments = group.rollout(tuner.ask())
+        spent += sum(segment.length for segment in segments)
+        tuner.tell(segments)
+    assert len(tuner._selection.costs) >= 1

@@ -101,6 +101,7 @@ class ZoacPlus(Zoac):
         self._selection = HeldOut(problem, "finals", seeded=problem.supports_snapshots)
         if self._halving.over:
             self._selection.enter(self._theta)
+        self._selecting = False
         self._averages, self._entered = selection_candidates, 0
         self._spent, self._search_from = 0, 0
         self._search_to = problem.budget * (1.0 - selection_fraction)
@@ -132,7 +133,9 @@ class ZoacPlus(Zoac):
         """Return rounds of successive halving, then pairs of segments, then held-out episodes."""
         if not self._halving.over:
             return self._halving.ask()
-        if self._in_selection:
+        # Kept for `tell`: a baseline that enters changes how many steps the selection needs.
+        self._selecting = self._in_selection
+        if self._selecting:
             if not self._selection.begun:
                 self._selection.enter_baseline()
             return self._selection.ask_within(self._problem.budget - self._spent)
@@ -145,7 +148,7 @@ class ZoacPlus(Zoac):
         if not self._halving.over:
             self._spent += steps
             return self._tell_halving(segments)
-        if self._in_selection:
+        if self._selecting:
             self._spent += steps
             return self._tell_selection(segments)
         numbers = super().tell(segments)
