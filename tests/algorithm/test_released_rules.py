@@ -1,6 +1,7 @@
 """`fidelity=authors_code` against an independent learner that follows the released rules."""
 
 import copy
+from typing import get_type_hints
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from tests.algorithm.released_rules import (
 from tests.support import engine
 from zoac.algorithm.zoac import Zoac
 from zoac.config.compose import compose_config, resolved
+from zoac.config.validate import with_groups
 from zoac.core.tuner import Problem
 from zoac.tasks.pid_acc import PidAcc, PidAccVecEnv
 
@@ -69,7 +71,9 @@ def compare(iterations, broken=None, **changes):
     options, jerk = released_switches()
     task = RecordedTask(jerk)
     group = engine(task, list(range(WORKERS)), seed=5)
-    ours = Zoac(Problem(task.space, 10, WORKERS, 10**6, LIMIT, 3), **options | changes)
+    options["critic"] |= changes
+    groups = with_groups(options, get_type_hints(Zoac.__init__))
+    ours = Zoac(Problem(task.space, 10, WORKERS, 10**6, LIMIT, 3), **groups)
     ours._theta = START.copy()
     theirs = ReleasedLearner(START, network(ours._critic), LIMIT, task.drawn, broken)
     ends = []
