@@ -8,7 +8,7 @@ TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 .PHONY: run test lint types setup check wheel
 
 run: setup
-	$(BIN)/python -m zoac.run task=pid_acc tuner=zoac seed=0
+	$(BIN)/python -m zoac.run task=pid_acc tuner=zoac_plus seed=0
 
 test: setup
 	$(BIN)/python -m pytest -n auto --dist loadfile
