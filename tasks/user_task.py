@@ -27,6 +27,16 @@ from zoac.envs.gymnasium_adapter import (
 )
 from zoac.envs.objective import Objective
 from zoac.rollout.task import Task
+from zoac.specs.judge import check
+from zoac.specs.signals import Signal
+from zoac.specs.spec import Spec
+from zoac.tasks.user_specs import (
+    objective_text,
+    sample_time_of,
+    signals_of,
+    specs_of,
+    with_objective,
+)
 
 
 class Acts(Protocol):
@@ -53,6 +63,9 @@ class UserTask(Task):
         plant: Mapping[str, float] | None = None,
         vary: Mapping[str, Bounds] | None = None,
         objective: str = "auto",
+        signals: Mapping[str, Signal] | None = None,
+        sample_time: float | None = None,
+        specs: Sequence[Spec] = (),
     ) -> None:
         """
         Args:
@@ -68,13 +81,23 @@ class UserTask(Task):
             plant: See `GymnasiumVecEnv`.
             vary: See `GymnasiumVecEnv`.
             objective: See `zoac.envs.objective.Objective`.
+            signals: What specs and figures call the numbers of an episode.
+            sample_time: Seconds of a step; None: the environment says, if it can.
+            specs: Requirements on whole episodes; those without a limit replace the cost.
         """
         self._env, self._controller, self.fixed = env, controller, dict(fixed or {})
         self.space, self.metrics, self.constraints = space, tuple(metrics), tuple(constraints)
         self.baseline = dict(baseline) if baseline is not None else None
         self._max_episode_steps = max_episode_steps
         self._plant, self._vary = dict(plant or {}), dict(vary or {})
-        self._objective, self.objective = objective, str(Objective(objective))
+        self._objective = objective
+        self.signals, self.specs = dict(signals or {}), tuple(specs)
+        self.objective = objective_text(self.specs, str(Objective(objective)))
+        if signals or specs:
+            env_once = self._one_env()
+            self.sample_time = sample_time_of(sample_time, env_once)
+            env_once.close()
+            check(self.specs, self.signals, self.sample_time)
 
     def parts(self) -> dict[str, Any]:
         """See `Task.parts`."""
@@ -83,6 +106,8 @@ class UserTask(Task):
             "controller": self._controller,
             "metrics": {metric.name: metric for metric in self.metrics},
             "constraints": {constraint.name: constraint for constraint in self.constraints},
+            "specs": {spec.label: spec for spec in self.specs},
+            "signals": dict(self.signals),
         }
 
     def make_env(self, n: int) -> GymnasiumVecEnv:
@@ -133,7 +158,10 @@ def user_task(
     max_episode_steps: int | None = None,
     plant: Mapping[str, float] | None = None,
     vary: Mapping[str, Bounds] | None = None,
-    objective: str = "auto",
+    objective: str | Spec | Mapping[str, Any] | Sequence[Any] = "auto",
+    signals: Mapping[str, Any] | None = None,
+    sample_time: float | None = None,
+    specs: Sequence[Any] = (),
 ) -> UserTask:
     """Return a task from what a user has; the `_target_` of a YAML file of his own.
 
@@ -153,7 +181,12 @@ def user_task(
         vary: Likewise, and the range from which every episode draws.
         objective: What is minimised: "reward", its negative; "cost", `info["cost"]`; "info:<key>",
             another number of info; "auto", the negative reward unless `info["cost"]` differs from
-            it, which is refused.
+            it, which is refused; or a spec without a limit, or several, whose weighted sum counts.
+        signals: What specs and figures call the numbers of an episode; see
+            `zoac.tasks.user_specs.signals_of`.
+        sample_time: Seconds of a step; None: the environment's attribute `sample_time` or `dt`, or
+            what its metadata say.
+        specs: Requirements on whole episodes; see `zoac.tasks.user_specs.specs_of`.
 
     Raises:
         ConfigError: If any of them cannot be used.
@@ -180,6 +213,7 @@ def user_task(
     starts = {**starts, **(baseline or {})}
     if starts:
         parsed.normalise(starts)  # says what is wrong with a start value
+    of_env, all_specs = with_objective(specs_of(specs), objective)
     task = UserTask(
         env,
         controller,
@@ -191,7 +225,10 @@ def user_task(
         _named(constraints, Constraint, "constraints"),
         plant,
         vary,
-        objective,
+        of_env,
+        signals_of(signals or {}),
+        sample_time,
+        all_specs,
     )
     task.make_controller()  # says what is wrong with it
     return task

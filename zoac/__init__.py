@@ -45,24 +45,33 @@ from zoac.tasks import register  # noqa: E402 (found through the line above)
 register()
 
 if TYPE_CHECKING:
+    from zoac import specs as specs
     from zoac.api import make_task as make_task
     from zoac.api import tune as tune
     from zoac.core.errors import Interrupted as Interrupted
     from zoac.runs.result import Result as Result
     from zoac.runs.result import load_result as load_result
+    from zoac.specs.signals import action as action
+    from zoac.specs.signals import observation as observation
 
 _HOMES = {
     "Interrupted": "core.errors",
     "Result": "runs.result",
+    "action": "specs.signals",
     "load_result": "runs.result",
     "make_task": "api",
+    "observation": "specs.signals",
     "tune": "api",
 }
-__all__ = ["Interrupted", "Result", "load_result", "make_task", "tune"]
+__all__ = [
+    "Interrupted", "Result", "action", "load_result", "make_task", "observation", "specs", "tune",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
     # Imported on first use: the command line must answer --help without loading everything.
+    if name == "specs":
+        return import_module("zoac.specs")
     if name in __all__:
         return getattr(import_module(f"zoac.{_HOMES[name]}"), name)
     raise AttributeError(f"module 'zoac' has no attribute {name!r}")

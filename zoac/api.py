@@ -26,6 +26,7 @@ from zoac.rollout.task import Task
 from zoac.runs import schema
 from zoac.runs.result import Result, keep_task, result_of
 from zoac.runs.schema import TASK
+from zoac.specs.spec import Spec
 from zoac.tasks.user_task import EnvSource, UserTask, user_task
 from zoac.training.lifecycle import Run, execute, with_code
 
@@ -71,7 +72,10 @@ def tune(
     max_episode_steps: int | None = None,
     plant: Mapping[str, float] | None = None,
     vary: Mapping[str, Bounds] | None = None,
-    objective: str = "auto",
+    objective: str | Spec | Sequence[Spec] = "auto",
+    signals: Mapping[str, Any] | None = None,
+    sample_time: float | None = None,
+    specs: Sequence[Spec] = (),
     tuner_options: Mapping[str, Any] | None = None,
     executor: str = "auto",
     eval_every: int | None = None,
@@ -107,7 +111,15 @@ def tune(
             `{"m": (0.8, 1.2)}`.
         objective: What is minimised: "reward", its negative; "cost", `info["cost"]`; "info:<key>",
             another number of info; "auto", the negative reward unless `info["cost"]` differs from
-            it, which is refused.
+            it, which is refused; or a spec without a limit, such as `zoac.specs.itae("y", "r")`, or
+            several, whose weighted sum counts.
+        signals: What specs and figures call the numbers of an episode: `{"y": zoac.observation(0),
+            "r": 1.0, "u": zoac.action(0)}`, or functions of a segment.
+        sample_time: Seconds of a step; None: the environment's attribute `sample_time` or `dt`, or
+            what its metadata say.
+        specs: Requirements on whole episodes, such as `zoac.specs.overshoot("y", "r", max=0.05)`.
+            Parameters that keep them rank before all that do not. Needs a tuner that asks for
+            whole episodes, such as "cmaes_full".
         tuner_options: By name, such as {"exploration": {"sigma": 0.05}}.
         executor: "auto" (worker processes where steps are slow enough to pay), "serial" or
             "process".
@@ -142,6 +154,9 @@ def tune(
         "plant": plant,
         "vary": vary,
         "objective": objective,
+        "signals": signals,
+        "sample_time": sample_time,
+        "specs": specs,
     }
     if resume not in RESUME:
         raise ConfigError(f"resume={resume!r}; {suggest(resume, RESUME)}")
@@ -216,7 +231,7 @@ def _task(
     if task is not None:
         given = {"env": env, "controller": controller, "space": space}
         given |= {name: value or None for name, value in options.items() if name != "baseline"}
-        given["objective"] = None if options["objective"] == "auto" else options["objective"]
+        given["objective"] = None if options["objective"] == "auto" else str(options["objective"])
         doubled = [name for name, value in given.items() if value is not None]
         if doubled:
             raise ConfigError(f"give either task or env, controller and space; not {doubled} too")
@@ -235,7 +250,10 @@ def _identity(task: Task, options: Mapping[str, Any]) -> dict[str, Any]:
         "max_episode_steps": options["max_episode_steps"],
         "plant": dict(options["plant"] or {}),
         "vary": dict(options["vary"] or {}),
-        "objective": options["objective"],
+        "objective": options["objective"] if isinstance(options["objective"], str) else "specs",
+        "signals": {name: str(signal.label) for name, signal in task.signals.items()},
+        "sample_time": task.sample_time,
+        "specs": [spec.told() for spec in task.specs],
     }
     plain: dict[str, Any] = json.loads(schema.json_line(told))
     return {key: value for key, value in plain.items() if value or key == "fixed"}

@@ -84,7 +84,8 @@ class _Demonstration(Task):
 
     def __init__(self, task: Task) -> None:
         self.space = task.space
-        self.failure_penalty = task.failure_penalty
+        self.failure_penalty, self.fixed = task.failure_penalty, task.fixed
+        self.signals, self.specs, self.sample_time = task.signals, task.specs, task.sample_time
         self._task = task
 
     def make_env(self, n: int) -> VecEnv:

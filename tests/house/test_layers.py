@@ -12,6 +12,7 @@ SUBPACKAGES = ("tasks", "baselines", "analysis")
 
 LAYERS = (
     ("core",),
+    ("specs",),
     ("envs", "mpc"),
     ("controllers",),
     ("rollout",),

@@ -47,7 +47,8 @@ def test_the_reserved_names_are_the_keys_of_rows_and_results(tmp_path):
         space={"k": {"low": 0, "high": 2, "baseline": 1.0}}, budget=200,
         acceptance_test=0.5, num_envs=2,
         select="best_evaluated",
-        constraints={"left": lambda s: s.observations[1:, 0]}, episodes=1, final_episodes=1,
+        constraints={"left": lambda s: s.observations[1:, 0]}, signals={"y": zoac.observation(0)},
+        specs=[zoac.specs.peak("y", max=1.0)], episodes=1, final_episodes=1,
         max_episode_steps=5, quiet=True, folder=tmp_path,
     )  # fmt: skip
     rows = [row for row in read_metrics(tmp_path) if row["kind"] == "eval"]

@@ -37,6 +37,8 @@ _STARTS = {
 class Zoac(Tuner):
     """The paper's method."""
 
+    whole_episodes = False
+
     def __init__(
         self,
         problem: Problem,

@@ -14,6 +14,7 @@ from zoac.core.tuner import Problem, Tuner
 from zoac.executors.base import Executor
 from zoac.loggers.base import Logger
 from zoac.rollout.task import Task
+from zoac.specs.judge import EPISODES_ONLY
 from zoac.strategies.acceptance_test import AcceptanceTest
 from zoac.strategies.around_baseline import around_baseline
 from zoac.strategies.best_evaluated import SELECTION_FRACTION, BestEvaluated
@@ -100,9 +101,18 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
         baseline=baseline,
     )
     env.close()
+    if task.specs:
+        _refuse_parts_of_episodes(node)
     if settings.initial_sigma is not None:
         node = around_baseline(node, settings.initial_sigma)
     return _tested(node, whole, settings)
+
+
+def _refuse_parts_of_episodes(node: Mapping[str, Any]) -> None:
+    """Raise if a tuner asks for parts of episodes, over which specs cannot be judged."""
+    made_by = locate_maker(node[TARGET], (Tuner,), f"tuner.{TARGET}")
+    if not getattr(made_by, "whole_episodes", True):
+        raise ConfigError(f"{node[TARGET]} sees parts of episodes, and {EPISODES_ONLY}")
 
 
 def _tested(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:

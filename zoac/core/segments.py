@@ -54,6 +54,8 @@ class Segment:
         reported_costs: (T,) plain costs, where `costs` are what a tuner is told; None: the same.
         violation: By how much constraints were exceeded, over all steps; 0 where all hold. See
             `zoac.rollout.constraints`.
+        spec_values: The value of each of the task's specs, if this is a whole episode and the task
+            has any.
     """
 
     proposal: Proposal
@@ -68,6 +70,7 @@ class Segment:
     failure: str | None = None
     reported_costs: np.ndarray | None = None
     violation: float = 0.0
+    spec_values: tuple[float, ...] | None = None
 
     @property
     def length(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -50,6 +50,9 @@ class Tuner(ABC):
 
     A tuner's constructor takes the `Problem` first and its options, all by keyword, after it.
     """
+
+    whole_episodes: ClassVar[bool] = True
+    """Whether every proposal is for a whole episode, over which alone specs can be judged."""
 
     @abstractmethod
     def ask(self) -> list[Proposal]:

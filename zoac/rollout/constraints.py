@@ -12,6 +12,9 @@ Tuners that learn from steps (ZOAC) see costs alone. There a step with violation
 being the range of what whole episodes have cost so far. Costs that come later may widen that range;
 steps told before keep their price.
 
+A hard spec that a whole episode breaks (`zoac.specs`) adds 1 + v / (1 + v) once to the episode's
+violation, v being the excess relative to the limit. Only tuners that see episodes can be used then.
+
 Reported costs are never changed; violations are counted beside them.
 """
 
@@ -25,6 +28,8 @@ import numpy as np
 
 from zoac.core.measures import Constraint
 from zoac.core.segments import Segment
+from zoac.specs import judge, verdict
+from zoac.specs.spec import Spec
 
 
 def excess(segment: Segment, constraints: Sequence[Constraint]) -> np.ndarray:
@@ -43,18 +48,26 @@ def excess(segment: Segment, constraints: Sequence[Constraint]) -> np.ndarray:
     return amounts
 
 
-def violations(segments: Sequence[Segment], constraints: Sequence[Constraint]) -> dict[str, Any]:
-    """Return what is counted of violations in evaluation episodes; {} without constraints.
+def violations(
+    segments: Sequence[Segment], constraints: Sequence[Constraint], specs: Sequence[Spec] = ()
+) -> dict[str, Any]:
+    """Return what is counted of violations in evaluation episodes; {} without any requirement.
 
     Returns:
-        `violations`, the number of episodes that violate any constraint, and
-        `violations_by_constraint`: name -> `episodes`, `steps`, `worst` excess.
+        `violations`, the number of episodes that violate any constraint or break any hard spec;
+        `violations_by_constraint`: name -> `episodes`, `steps`, `worst` excess; and `by_spec`: see
+        `zoac.specs.verdict.over_episodes`.
     """
+    broken = [segment.violation > 0 for segment in segments]  # hard specs, as rolled out
+    told: dict[str, Any] = {}
+    if specs:
+        told = {"violations": sum(broken), "by_spec": verdict.over_episodes(segments, specs)}
     if not constraints:
-        return {}
+        return told
     amounts = [excess(segment, constraints) for segment in segments]
     return {
-        "violations": sum(bool(amount.any()) for amount in amounts),
+        **told,
+        "violations": sum(bool(a.any()) or b for a, b in zip(amounts, broken, strict=True)),
         "violations_by_constraint": {
             constraint.name: {
                 "episodes": sum(bool(amount[:, j].any()) for amount in amounts),
@@ -69,8 +82,8 @@ def violations(segments: Sequence[Segment], constraints: Sequence[Constraint]) -
 class FeasibilityFirst:
     """What tuners are told of segments under constraints; see the module's text."""
 
-    def __init__(self, constraints: Sequence[Constraint]) -> None:
-        self._constraints = tuple(constraints)
+    def __init__(self, constraints: Sequence[Constraint], specs: Sequence[Spec] = ()) -> None:
+        self._constraints, self._specs = tuple(constraints), tuple(specs)
         self._scales = np.array([c.scale or abs(c.limit) for c in constraints])  # 0: the largest
         self._largest = np.zeros(len(constraints))  # finite excess so far
         self._totals: dict[int, float] = {}  # of each environment's episode so far
@@ -93,7 +106,12 @@ class FeasibilityFirst:
         Args:
             segments: What the environments did, in their order.
             seen: The same with the costs that the tuner would be told.
+
+        Raises:
+            ConfigError: If there are specs, and a segment is a part of an episode.
         """
+        if self._specs:
+            judge.need_episodes(segments)
         if not self._constraints:
             return list(seen)
         for segment in seen:
@@ -104,7 +122,7 @@ class FeasibilityFirst:
         self._largest = np.maximum(self._largest, largest)
         violations = map(self._violations, amounts)
         return [
-            replace(s, costs=s.costs + self.price * v, violation=float(v.sum()))
+            replace(s, costs=s.costs + self.price * v, violation=s.violation + float(v.sum()))
             for s, v in zip(seen, violations, strict=True)
         ]
 

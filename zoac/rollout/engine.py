@@ -17,6 +17,7 @@ from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
 from zoac.core.state import OwnObject
 from zoac.rollout.buffer import Recording
+from zoac.specs.judge import Judge
 
 if TYPE_CHECKING:
     from zoac.rollout.task import Task
@@ -69,6 +70,8 @@ class RolloutEngine:
         self._needs_reset = np.ones(self.n, dtype=bool)
         self._steps = np.zeros(self.n, dtype=np.int64)  # since the start of the episode
         self._penalty = task.failure_penalty
+        limit = self._env.max_episode_steps
+        self._judge = Judge(task.specs, task.signals, task.sample_time, limit, self._named)
         self._parameter_names = (*self._space.names, *task.fixed)
         self._failures: dict[int, str] = {}  # why environments fail at this step
         self._not_begun: dict[int, str] = {}  # why environments could not begin their episode
@@ -122,7 +125,7 @@ class RolloutEngine:
                 run = running[env_index]
                 assert run is not None
                 ended, cut = bool(terminated[env_index]), bool(truncated[env_index])
-                segments[run.index] = Segment(
+                segment = Segment(
                     proposal=proposals[run.index],
                     terminated=ended,
                     truncated=cut,
@@ -130,6 +133,7 @@ class RolloutEngine:
                     failure=self._failures.get(env_index),
                     **record.cut(run.first_row, env_index, self._observations[env_index]),
                 )
+                segments[run.index] = self._judge.judged(segment)
                 self._needs_reset[env_index] = ended or cut
                 if ended or cut:
                     self._begin_controller(env_index)
@@ -305,6 +309,10 @@ class RolloutEngine:
                 f"be finite. {self._place(rows[row])}"
             )
         return actions, memory, diagnostics
+
+    def _named(self, x: np.ndarray) -> dict[str, Any]:
+        """Return all parameters, by name, of mapped ones (d,)."""
+        return {**self._space.named(x), **self._task.fixed}
 
     def _nearest(self, error: Exception) -> str:
         """Return which parameters there are, if a controller asked for one that there is not."""

@@ -14,6 +14,7 @@ from zoac.core.measures import Constraint, Metric
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
 from zoac.rollout.constraints import violations
+from zoac.specs.spec import Spec
 
 
 def evaluation_proposals(x: np.ndarray, episodes: int, seed: int) -> list[Proposal]:
@@ -33,6 +34,7 @@ def evaluation_row(
     segments: Sequence[Segment],
     metrics: Sequence[Metric],
     constraints: Sequence[Constraint] = (),
+    specs: Sequence[Spec] = (),
 ) -> dict[str, Any]:
     """Return the numbers of an evaluation, with undiscounted plain costs.
 
@@ -48,7 +50,7 @@ def evaluation_row(
         "cost_per_episode": costs.tolist(),
         "episode_lengths": [s.length for s in segments],
         "terminations": sum(s.terminated for s in segments),
-        **violations(segments, constraints),
+        **violations(segments, constraints, specs),
     }
     for metric in metrics:
         measured = [s.measured() for s in segments]

@@ -15,6 +15,8 @@ from zoac.core.parameters import ParameterSpace
 from zoac.core.segments import Segment
 from zoac.envs.base import VecEnv
 from zoac.rollout import probe
+from zoac.specs.signals import Signal
+from zoac.specs.spec import Spec
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,6 +28,12 @@ class Task(ABC):
     space: ParameterSpace
     metrics: tuple[Metric, ...] = ()
     constraints: tuple[Constraint, ...] = ()
+    signals: Mapping[str, Signal] = {}
+    """What specs and figures call the numbers of an episode, by name."""
+    sample_time: float | None = None
+    """Seconds of a step, if they are known."""
+    specs: tuple[Spec, ...] = ()
+    """Requirements on whole episodes; those without a limit replace the environment's cost."""
     fixed: Mapping[str, float] = {}
     """Parameters that the controller has beside those in `space`, by name."""
     failure_penalty: float | None = None

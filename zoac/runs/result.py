@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import sys
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +18,8 @@ from zoac.rollout.task import Task
 from zoac.runs import schema
 from zoac.runs.export import TunedController, export
 from zoac.runs.foreign_code import foreign_code
+from zoac.specs import verdict
+from zoac.specs.verdict import OF_A_SPEC
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,6 +63,47 @@ class Result:
     finished: bool = True
 
     @property
+    def specs(self) -> pd.DataFrame:
+        """What became of each spec in the final evaluation episodes.
+
+        Returns:
+            Columns `spec`, `limit`, `baseline` (the value with the baseline values), `value` and
+            `met` (None for an objective); a row each, none without specs.
+        """
+        import pandas as pd
+
+        return pd.DataFrame(self._spec_rows, columns=list(verdict.COLUMNS))
+
+    @property
+    def _spec_rows(self) -> list[dict[str, Any]]:
+        return [verdict.restored(row) for row in self.record.get("specs", [])]
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the answer keeps every hard spec and constraint, at a finite cost."""
+        unmet = any(row["met"] is False for row in self.record.get("specs", []))
+        by_constraint = self.record.get("violations_by_constraint", {})
+        broken = any(found["episodes"] for found in by_constraint.values())
+        return not (unmet or broken) and all(map(math.isfinite, self.cost_per_episode))
+
+    def __repr__(self) -> str:
+        """Return some lines for a terminal: cost, parameters and specs, before and after."""
+        cost = f"cost {self.cost_mean:.4g} over {len(self.cost_per_episode)} episodes"
+        if self.baseline_cost_mean is not None:
+            cost += f", baseline values {self.baseline_cost_mean:.4g}"
+        values = ", ".join(
+            f"{name}={value:.6g}" if isinstance(value, float) else f"{name}={value}"
+            for name, value in self.parameters.items()
+        )
+        told = [f"<zoac result: {cost}" + ("" if self.finished else ", stopped early")]
+        told += _wrapped(values)
+        told += [f"  {line}" for line in verdict.lines(self._spec_rows)]
+        for sentence in self.warnings:
+            if not sentence.startswith(OF_A_SPEC):  # which has its line already
+                told += _wrapped(f"WARNING: {sentence}")
+        return "\n".join([*told, f"  {self.env_steps:,} steps, {self.folder}>"])
+
+    @property
     def history(self) -> pd.DataFrame:
         """The rows of `metrics.jsonl`."""
         import pandas as pd
@@ -84,6 +129,10 @@ class Result:
         """
         units = {p["name"]: p["unit"] for p in schema.read_run(self.folder)["parameters"]}
         return export(self.parameters, path, units)
+
+
+def _wrapped(text: str) -> list[str]:
+    return textwrap.wrap(text, 80, initial_indent="  ", subsequent_indent="    ")
 
 
 def load_result(

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from zoac.specs.verdict import OF_A_SPEC
 from zoac.strategies.paired_comparison import MIN_PAIRS, clearly_higher
 
 CLEAR = 0.02
@@ -24,6 +25,7 @@ def warnings(result: Mapping[str, Any], evaluations: Sequence[Mapping[str, Any]]
         *_of_the_cost(result),
         *_of_the_start(result),
         *_of_constraints(result),
+        *_of_specs(result),
         *_of_evaluations(result, evaluations),
         *_of_the_acceptance_test(result),
     ]
@@ -42,14 +44,16 @@ def _of_the_start(result: Mapping[str, Any]) -> list[str]:
         return []
     costs, episodes = result["cost_per_episode"], len(result["cost_per_episode"])
     told = []
-    if clearly_higher(np.array(costs), np.array(start["cost_per_episode"])):
+    # Feasibility first: a baseline that breaks more requirements is not better, however cheap.
+    safer = result.get("violations", 0) < start.get("violations", 0)
+    if not safer and clearly_higher(np.array(costs), np.array(start["cost_per_episode"])):
         told.append(
             f"The answer is worse than the baseline values: cost {result['cost_mean']:.4g} instead "
             f"of {start['cost_mean']:.4g} on the same {episodes} final episodes."
         )
     for what, count, before in (
         ("terminates", result["terminations"], start["terminations"]),
-        ("breaks a constraint", result.get("violations", 0), start.get("violations", 0)),
+        (_requirement(result), result.get("violations", 0), start.get("violations", 0)),
     ):
         if count > before:
             told.append(
@@ -59,12 +63,29 @@ def _of_the_start(result: Mapping[str, Any]) -> list[str]:
     return told
 
 
+def _requirement(result: Mapping[str, Any]) -> str:
+    """Return what `violations` counts."""
+    kinds = {"by_spec": "a hard spec", "violations_by_constraint": "a constraint"}
+    told = [kind for key, kind in kinds.items() if key in result]
+    return f"breaks {' or '.join(told)}"
+
+
 def _of_constraints(result: Mapping[str, Any]) -> list[str]:
     episodes = len(result["cost_per_episode"])
     return [
         f"The constraint {name} is broken in {broken['episodes']} of {episodes} final episodes."
         for name, broken in result.get("violations_by_constraint", {}).items()
         if broken["episodes"]
+    ]
+
+
+def _of_specs(result: Mapping[str, Any]) -> list[str]:
+    episodes = len(result["cost_per_episode"])
+    return [
+        f"{OF_A_SPEC} {row['spec']} {row['limit']} is not met: {row['value']:.4g}, broken in "
+        f"{row['broken']} of {episodes} final episodes."
+        for row in result.get("specs", [])
+        if row["met"] is False
     ]
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -16,6 +16,7 @@ import numpy as np
 
 from zoac.config.settings import Settings
 from zoac.core.errors import Interrupted, NothingWorksError, ZoacError
+from zoac.core.measures import Metric
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Segment
 from zoac.core.state import encode
@@ -26,6 +27,7 @@ from zoac.rollout.evaluation import evaluation_proposals, evaluation_row
 from zoac.rollout.task import Task
 from zoac.runs.checkpoint import fitting, unfit
 from zoac.runs.log import RunLog
+from zoac.specs import verdict
 from zoac.training.answer_checks import warnings
 
 
@@ -77,7 +79,7 @@ class Trainer:
         self._settings, self._log = settings, log
         self._stop_requested = stop_requested
         self._envs_unsaved = False  # environments cannot be saved, which was printed
-        self._constraints = FeasibilityFirst(task.constraints)
+        self._constraints = FeasibilityFirst(task.constraints, task.specs)
         self._last_finite = np.zeros(task.space.dimension)  # recommendation
         self.progress = Progress()
         self._wall_start = self._last_checkpoint = time.perf_counter()
@@ -149,11 +151,14 @@ class Trainer:
         """Run the fixed episodes with the recommended parameters and log a row."""
         x = self._recommended()
         segments = self._rolled_out(x, episodes)
-        row = evaluation_row(segments, self._task.metrics, self._task.constraints)
+        row = self._row(segments, self._task.metrics)
         row |= self._account(segments)
         row = {**row, "parameters": self._task.space.named(x), "x": x.tolist(), "final": final}
         self._log.row("eval", self._stamp(compute_seconds=self._compute_seconds()), row)
         return row
+
+    def _row(self, segments: list[Segment], metrics: Sequence[Metric] = ()) -> dict[str, Any]:
+        return evaluation_row(segments, metrics, self._task.constraints, self._task.specs)
 
     def _rolled_out(self, x: np.ndarray, episodes: int) -> list[Segment]:
         """Return the fixed evaluation episodes with the parameters x (d,)."""
@@ -211,6 +216,7 @@ class Trainer:
             "failures": progress["failures"],
             "first_failure": progress["first_failure"],
             **start,
+            **self._verdict(final, start.get("baseline", {})),
             **self._tuner.outcome(),
         }
         return self._log.finish({**result, "warnings": warnings(result, earlier)})
@@ -221,8 +227,15 @@ class Trainer:
             return {}
         x = self._task.space.normalise(self._task.baseline)
         segments = self._rolled_out(x, self._settings.evaluation.final_episodes)
-        row = evaluation_row(segments, (), self._task.constraints)
+        row = self._row(segments)
         return {"baseline_cost_mean": row["cost_mean"], "baseline": row}
+
+    def _verdict(self, after: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
+        """Return `specs` of a result, from the rows of the answer and the baseline values."""
+        specs = self._task.specs
+        if not specs:
+            return {}
+        return {"specs": verdict.rows(specs, after["by_spec"], before.get("by_spec", {}))}
 
     def _account(self, segments: list[Segment]) -> dict[str, str]:
         """Add up failures and what controllers report of solvers, tuning and evaluation alike.
@@ -284,6 +297,7 @@ class Trainer:
         (*_, last) = (row for row in self._log.rows() if row["kind"] == "eval")
         return {
             **last,
+            **self._verdict(last, {}),
             "evaluated_after_steps": last["env_steps"],
             "env_steps": self.progress.env_steps,
             "parameters": self._task.space.named(x),

@@ -1,0 +1,170 @@
+"""Signals, specs and the sample time of a user's task, from Python or from a YAML file."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from zoac import specs as requirements
+from zoac.config.named_code import locate_code
+from zoac.core.errors import ConfigError, suggest
+from zoac.core.types import is_number
+from zoac.specs.signals import Signal, action, diagnostic, named, observation
+from zoac.specs.spec import Spec
+
+SOURCES: dict[str, Callable[..., Signal]] = {
+    "observation": observation,
+    "action": action,
+    "diagnostic": diagnostic,
+}
+"""What a signal may be of in a YAML file: `{observation: 1, unit: m}`."""
+
+KNOWN = [name for name in requirements.__all__ if name not in ("Spec", "cvar")]
+
+
+def signals_of(given: Mapping[str, Any]) -> dict[str, Signal]:
+    """Return signals by name.
+
+    Args:
+        given: By name: a `Signal`, a number, a function of a segment or its dotted path, or
+            `{observation: i}`, `{action: i}`, `{diagnostic: name}`, each with a `unit` if wanted.
+
+    Raises:
+        ConfigError: If one is none of these.
+    """
+    if not isinstance(given, Mapping):
+        return named(given)  # says what is expected
+    return named({name: _source(name, value) for name, value in given.items()})
+
+
+def _source(name: str, given: Any) -> Any:
+    if isinstance(given, str):
+        wanted = "a function of a segment"
+        return locate_code(given, f"signals.{name}", (Signal,), (np.ndarray,), wanted)
+    if not isinstance(given, Mapping):
+        return given
+    fields = dict(given)
+    unit = fields.pop("unit", "")
+    if len(fields) != 1 or (kind := next(iter(fields))) not in SOURCES:
+        raise ConfigError(
+            f"signals.{name}={dict(given)!r}: expected one of {', '.join(SOURCES)}, such as "
+            "{'observation': 1, 'unit': 'm'}"
+        )
+    return SOURCES[kind](fields[kind], unit)
+
+
+def specs_of(given: Sequence[Any], where: str = "specs") -> tuple[Spec, ...]:
+    """Return specs.
+
+    Args:
+        given: `Spec`s, or their names with their arguments: `{overshoot: {y: y, r: r, max: 0.05}}`.
+            There a function `loop` is a dotted path, and `over` may be `{cvar: 0.9}`.
+        where: Name of the option, for messages.
+
+    Raises:
+        ConfigError: If one is neither, or cannot be used.
+    """
+    if isinstance(given, Spec | Mapping):
+        given = [given]
+    if not isinstance(given, Sequence) or isinstance(given, str):
+        raise ConfigError(f"{where}={given!r}: expected specs, such as [zoac.specs.overshoot(...)]")
+    return tuple(_spec(entry, f"{where}[{k}]") for k, entry in enumerate(given))
+
+
+def _spec(given: Any, where: str) -> Spec:
+    if isinstance(given, Spec):
+        return given
+    if not isinstance(given, Mapping) or len(given) != 1:
+        raise ConfigError(
+            f"{where}={given!r}: expected a spec of zoac.specs, such as "
+            "{'overshoot': {'y': 'y', 'r': 'r', 'max': 0.05}}"
+        )
+    ((name, arguments),) = given.items()
+    if name not in KNOWN:
+        raise ConfigError(f"{where}: no spec {name!r}; {suggest(name, KNOWN)}")
+    make = getattr(requirements, name)
+    if not isinstance(arguments, Mapping):
+        raise ConfigError(f"{where}.{name}={arguments!r}: expected arguments by name")
+    arguments = dict(arguments)
+    own = [p.name for p in inspect.signature(make).parameters.values() if p.kind != p.VAR_KEYWORD]
+    known = [*own, *(["max", "min"] if own == ["loop"] else LIMITS)]
+    for key in arguments:
+        if key not in known:
+            raise ConfigError(f"{where}.{name}: no argument {key!r}; {suggest(key, known)}")
+    if isinstance(loop := arguments.get("loop"), str):
+        wanted = "a function of the parameters that returns a system of python-control"
+        arguments["loop"] = locate_code(loop, f"{where}.{name}.loop", (), (), wanted)
+    if isinstance(over := arguments.get("over"), Mapping) and set(over) == {"cvar"}:
+        arguments["over"] = requirements.cvar(over["cvar"])
+    try:
+        return make(**arguments)
+    except TypeError:
+        needed = ", ".join(own)
+        raise ConfigError(f"{where}.{name}={arguments!r}: expected {needed}") from None
+
+
+LIMITS = ("max", "min", "over", "weight", "window")
+
+
+def with_objective(specs: tuple[Spec, ...], objective: Any) -> tuple[str, tuple[Spec, ...]]:
+    """Return which signal of the environment is the cost, and the specs with the soft ones.
+
+    Args:
+        specs: Hard ones, and soft ones if they shall be the objective.
+        objective: A name as in `zoac.envs.objective`; or a soft spec, or several, whose weighted
+            sum replaces the cost.
+
+    Raises:
+        ConfigError: If the objective is a spec with a limit, or there are two objectives.
+    """
+    soft = [spec for spec in specs if not spec.hard]
+    if isinstance(objective, str):
+        if soft and objective != "auto":
+            raise ConfigError(
+                f"objective={objective!r}, and {soft[0]} has no limit, which makes it the "
+                "objective; give it max= or min=, or leave one of the two out"
+            )
+        # The reward is not looked at where specs replace it.
+        return ("reward" if soft else objective), specs
+    for spec in (parts := specs_of(objective, "objective")):
+        if spec.hard:
+            raise ConfigError(
+                f"objective={spec}: it has a limit, {spec.limit}; give it in specs=, and in "
+                "objective= without one"
+            )
+    return "reward", (*specs, *parts)
+
+
+def sample_time_of(given: float | None, env: gymnasium.Env) -> float | None:
+    """Return the seconds of a step: what is given, or what the environment says; None: unknown.
+
+    An environment says it by an attribute `sample_time` or `dt`, or by the keys `sample_time` or
+    `render_fps`, frames per second, of its metadata.
+
+    Raises:
+        ConfigError: If it is no number above 0.
+    """
+    found = given
+    if found is None:
+        inner = env.unwrapped
+        told = [getattr(inner, name, None) for name in ("sample_time", "dt")]
+        told.append(inner.metadata.get("sample_time"))
+        fps: Any = inner.metadata.get("render_fps")
+        told.append(1.0 / fps if is_number(fps) and fps > 0 else None)
+        found = next((value for value in told if is_number(value)), None)
+    if found is not None and not (is_number(found) and math.isfinite(found) and found > 0):
+        raise ConfigError(f"sample_time={found!r}: expected seconds, above 0")
+    return None if found is None else float(found)
+
+
+def objective_text(specs: Sequence[Spec], otherwise: str) -> str:
+    """Return what is minimised, for people to read."""
+    soft = [spec for spec in specs if not spec.hard]
+    terms = [f"{'' if s.weight == 1 else f'{s.weight:g} '}{replace(s, weight=1.0)}" for s in soft]
+    return " + ".join(terms) or otherwise

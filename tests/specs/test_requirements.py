@@ -1,0 +1,92 @@
+"""Requirements over episodes: their values, limits and relative excess."""
+
+import math
+
+import numpy as np
+import pytest
+
+from zoac import specs
+from zoac.core.errors import ConfigError
+from zoac.specs.signals import Episode
+
+T = np.linspace(0.0, 5.0, 501)
+
+
+def episode(y, ended=1.0):
+    return Episode(T, {"y": y, "r": np.ones_like(T)}, ended)
+
+
+def overshooting(by):
+    return episode(1.0 - np.exp(-3 * T) + by * np.exp(-((T - 2.0) ** 2) * 40))
+
+
+def test_a_figure_is_that_of_the_named_signals():
+    assert specs.overshoot("y", "r").of_episode(overshooting(0.2)) == pytest.approx(0.2, abs=0.01)
+    assert specs.peak("r").of_episode(overshooting(0.2)) == 1.0
+
+
+def test_an_unknown_signal_gets_the_nearest():
+    with pytest.raises(ConfigError, match="no signal 'yy'; did you mean 'y'"):
+        specs.overshoot("yy", "r").of_episode(overshooting(0.0))
+
+
+def test_an_episode_that_ended_early_breaks_every_limit():
+    late = episode(np.ones_like(T), ended=0.5)
+    for spec in (specs.overshoot("y", "r", max=1.0), specs.rise_time("y", "r", min=0.1)):
+        assert spec.excess(spec.of_episode(late)) > 0
+
+
+@pytest.mark.parametrize(
+    ("over", "value"),
+    [("worst", 4.0), ("mean", 2.5), (specs.cvar(0.5), 3.5), (specs.cvar(0.9), 4.0)],
+)
+def test_values_over_episodes(over, value):
+    spec = specs.peak("y", max=1.0, over=over)
+    assert spec.over_episodes([1.0, 4.0, 2.0, 3.0]) == value
+
+
+def test_the_worst_of_a_lower_limit_is_the_smallest():
+    assert specs.rms("y", min=1.0).over_episodes([3.0, 1.0, 2.0]) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("limits", "value", "excess"),
+    [
+        ({"max": 0.05}, 0.10, 1.0),
+        ({"max": 0.05}, 0.05, 0.0),
+        ({"min": 2.0}, 1.0, 0.5),
+        ({"max": 0.0}, 0.5, 0.5),
+        ({"max": 2.0, "min": 1.0}, 1.5, 0.0),
+        ({"max": 1.0}, math.inf, 1e6),
+        ({}, math.inf, 0.0),
+    ],
+)
+def test_the_excess_is_a_fraction_of_the_limit(limits, value, excess):
+    assert specs.peak("y", **limits).excess(value) == pytest.approx(excess)
+
+
+def test_figures_of_a_loop_need_no_episode():
+    control = pytest.importorskip("control")
+    spec = specs.gain_margin(lambda p: control.tf([p["k"]], [1, 3, 3, 1]), min=2.0)
+    assert spec.of_parameters({"k": 2.0}) == pytest.approx(4.0)
+    assert spec.excess(spec.of_parameters({"k": 8.0})) > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"max": math.nan}, "max=nan, expected a finite number"),
+        ({"max": 1.0, "min": 2.0}, "min=2.0 lies above max=1.0"),
+        ({"over": "best"}, "over='best'; expected 'worst', 'mean' or cvar"),
+        ({"weight": 0.0}, "weight=0.0"),
+    ],
+)
+def test_what_cannot_be_required_is_refused(arguments, said):
+    with pytest.raises(ConfigError, match=said):
+        specs.peak("y", **arguments)
+
+
+def test_limits_read_as_people_write_them():
+    assert specs.peak("y", max=0.05).limit == "<= 0.05"
+    assert specs.peak("y", min=1.0, max=2.0).limit == ">= 1 and <= 2"
+    assert str(specs.overshoot("y", "r")) == "overshoot(y, r)"

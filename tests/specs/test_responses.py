@@ -1,0 +1,99 @@
+"""Figures of a response against closed forms and python-control, and where they have no value."""
+
+import math
+
+import numpy as np
+import pytest
+
+from zoac.specs import responses as of
+
+T = np.linspace(0.0, 10.0, 2001)
+
+
+def second_order(zeta, omega, height=1.0):
+    """Return the step response of omega^2 / (s^2 + 2 zeta omega s + omega^2), zeta < 1."""
+    damped = omega * math.sqrt(1 - zeta**2)
+    decay = np.exp(-zeta * omega * T)
+    ripple = np.cos(damped * T) + zeta / math.sqrt(1 - zeta**2) * np.sin(damped * T)
+    return height * (1.0 - decay * ripple)
+
+
+@pytest.mark.parametrize("zeta", [0.2, 0.4, 0.6, 0.8])
+@pytest.mark.parametrize("height", [1.0, -3.0])
+def test_overshoot_of_a_second_order_response_is_the_closed_form(zeta, height):
+    y = second_order(zeta, 3.0, height)
+    exact = math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2))
+    assert of.overshoot(T, y, height) == pytest.approx(exact, abs=1e-4)
+
+
+def test_settling_and_rise_of_a_first_order_response_are_the_closed_form():
+    y = 1.0 - np.exp(-T / 0.7)
+    assert of.settling_time(T, y, 1.0) == pytest.approx(0.7 * math.log(50), abs=0.01)
+    assert of.rise_time(T, y, 1.0) == pytest.approx(0.7 * math.log(9), abs=0.01)
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_random_responses_have_the_figures_of_python_control(seed):
+    control = pytest.importorskip("control")
+    rng = np.random.default_rng(seed)
+    y = second_order(rng.uniform(0.15, 0.95), rng.uniform(1.0, 6.0), rng.choice([-2.0, 0.5, 4.0]))
+    theirs = control.step_info(y, T, final_output=y[-1])
+    assert of.overshoot(T, y, y[-1]) == pytest.approx(theirs["Overshoot"] / 100, abs=1e-9)
+    assert of.settling_time(T, y, y[-1]) == pytest.approx(theirs["SettlingTime"], abs=2 * T[1])
+    assert of.rise_time(T, y, y[-1]) == pytest.approx(theirs["RiseTime"], abs=2 * T[1])
+    assert of.peak(T, y) == pytest.approx(theirs["Peak"])
+
+
+def test_integrals_of_an_exponential_error_are_the_closed_form():
+    y = 1.0 - np.exp(-2.0 * T)
+    assert of.iae(T, y, 1.0) == pytest.approx(1 / 2, rel=1e-4)
+    assert of.ise(T, y, 1.0) == pytest.approx(1 / 4, rel=1e-4)
+    assert of.itae(T, y, 1.0) == pytest.approx(1 / 4, rel=1e-4)
+
+
+def test_a_reference_may_be_samples():
+    r = np.where(T < 5.0, 1.0, 2.0)
+    assert of.iae(T, np.zeros_like(T), r) == pytest.approx(15.0, abs=0.01)
+    assert of.steady_state_error(T, np.zeros_like(T), r) == pytest.approx(2.0)
+
+
+def test_the_rest_against_sums_by_hand():
+    t, y = np.array([0.0, 0.5, 1.0]), np.array([1.0, -2.0, 0.0])
+    assert of.total_variation(t, y) == 5.0
+    assert of.rate(t, y) == 6.0
+    assert of.rms(t, y) == pytest.approx(math.sqrt(5 / 3))
+    assert of.peak(t, y) == 2.0
+
+
+def test_a_response_that_never_settles_or_rises_takes_for_ever():
+    y = np.sin(T)
+    assert of.settling_time(T, y, 1.0) == math.inf
+    assert of.rise_time(T, 0.5 * (1 - np.exp(-T)), 1.0) == math.inf
+
+
+def test_without_an_overshoot_it_is_zero():
+    assert of.overshoot(T, 1.0 - np.exp(-T), 1.0) == 0.0
+
+
+def test_a_step_of_no_height_is_kept_or_not():
+    still, moved = np.ones(5), np.array([1.0, 1.2, 1.0, 1.0, 1.0])
+    t = np.arange(5.0)
+    assert of.overshoot(t, still, 1.0) == 0.0
+    assert of.overshoot(t, moved, 1.0) == math.inf
+    assert (of.settling_time(t, still, 1.0), of.settling_time(t, moved, 1.0)) == (0.0, 2.0)
+    assert of.rise_time(t, moved, 1.0) == 0.0
+
+
+REFERENCED = (
+    of.overshoot, of.settling_time, of.rise_time, of.steady_state_error, of.iae, of.ise, of.itae,
+)  # fmt: skip
+ALONE = (of.peak, of.rms, of.total_variation, of.rate)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_sample_that_is_not_finite_breaks_every_limit(bad):
+    y = np.linspace(0.0, 1.0, 11)
+    y[4] = bad
+    t = np.arange(11.0)
+    assert {figure(t, y, 1.0) for figure in REFERENCED} == {math.inf}
+    assert {figure(t, y) for figure in ALONE} == {math.inf}

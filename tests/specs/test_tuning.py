@@ -1,0 +1,237 @@
+"""Specs and an objective in `zoac.tune`: ranking, verdict, bits, and what is refused."""
+
+import json
+import math
+
+import cloudpickle
+import numpy as np
+import pytest
+
+import zoac
+from tests.specs.loops_to_tune import SIGNALS, FirstOrder, proportional, tuned
+from zoac.core.errors import ConfigError
+from zoac.core.segments import Proposal
+from zoac.rollout.constraints import FeasibilityFirst
+from zoac.rollout.engine import RolloutEngine
+from zoac.rollout.outcomes import Outcomes
+from zoac.tasks.user_task import user_task
+
+ERROR = zoac.specs.steady_state_error("y", "r", max=0.2)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    return tuned(folder=tmp_path_factory.mktemp("run"))
+
+
+def episodes(gains, **options):
+    """Return whole episodes, as a tuner is told them, and their parameters."""
+    given = {"env": FirstOrder, "controller": proportional, "space": {"k": (0.5, 12.0)}}
+    task = user_task(**{**given, "signals": SIGNALS, "max_episode_steps": 40, **options})
+    engine = RolloutEngine(task, [0], [0])
+    segments = engine.rollout([Proposal(task.space.normalise({"k": k}), 0) for k in gains])
+    return FeasibilityFirst((), task.specs).told(segments, segments)
+
+
+def response(k):
+    """Return samples of the closed loop without noise: y[t+1] = a y + (1 - a) k (1 - y)."""
+    a, y = math.exp(-0.05), [0.0]
+    for _ in range(40):
+        y.append(a * y[-1] + (1 - a) * k * (1 - y[-1]))
+    return np.array(y)
+
+
+def test_the_cost_of_an_episode_is_the_objective_at_its_last_step():
+    (segment,) = episodes([3.0], objective=zoac.specs.peak("u"))
+    assert (segment.costs[:-1] == 0.0).all()
+    assert segment.costs[-1] == np.abs(segment.actions).max()
+
+
+def test_an_objective_may_be_a_weighted_sum():
+    parts = [zoac.specs.iae("y", "r", weight=2.0), zoac.specs.total_variation("u", weight=0.5)]
+    (segment,) = episodes([3.0], objective=parts)
+    error = np.abs(1.0 - segment.observations[:, 0])
+    by_hand = 2.0 * 0.05 * (error.sum() - 0.5 * (error[0] + error[-1]))
+    by_hand += 0.5 * np.abs(np.diff(segment.actions[:, 0])).sum()
+    assert segment.costs.sum() == pytest.approx(by_hand)
+
+
+def test_a_spec_without_a_limit_among_the_specs_is_the_objective():
+    (segment,) = episodes([3.0], specs=[ERROR, zoac.specs.peak("u")])
+    assert segment.costs.sum() == np.abs(segment.actions).max()
+
+
+def test_episodes_that_break_specs_rank_behind_by_the_sum_of_their_excess():
+    specs = [ERROR, zoac.specs.peak("u", max=5.0)]
+    gains = [0.7, 11.0, 4.5, 2.0, 4.2, 7.0]
+    found = Outcomes.of(episodes(gains, specs=specs, objective=zoac.specs.peak("u")))
+
+    def by_hand(k):
+        y = response(k)
+        u = k * (1.0 - y[:-1])
+        excess = [np.mean(np.abs(1.0 - y[-4:])) / 0.2 - 1.0, np.abs(u).max() / 5.0 - 1.0]
+        return sum(1 + v / (1 + v) for v in excess if v > 0), np.abs(u).max()
+
+    expected = sorted(range(len(gains)), key=lambda i: by_hand(gains[i]))
+    assert found.order.tolist() == expected
+    assert found.feasible.tolist() == [by_hand(k)[0] == 0 for k in gains]
+    violations = [by_hand(k)[0] for k in gains]
+    assert found.violations == pytest.approx(violations)
+
+
+def test_the_answer_keeps_the_specs_and_the_table_says_so(result):
+    assert result.feasible
+    assert result.specs["spec"].tolist() == ["steady_state_error(y, r)", "peak(u)"]
+    assert result.specs["limit"].tolist() == ["<= 0.2", ""]
+    assert result.specs["met"].tolist() == [True, None]
+    value, baseline = result.specs.loc[0, ["value", "baseline"]]
+    assert value <= 0.2 < 0.4 < baseline
+    # The objective is the cost, of the answer and of the baseline values.
+    assert result.specs.loc[1, "value"] == pytest.approx(result.cost_mean)
+    assert result.specs.loc[1, "baseline"] == pytest.approx(result.baseline_cost_mean)
+    # No other gain that keeps the error below 0.2 needs so little: k is just above 4.
+    assert 4.0 < result.parameters["k"] < 5.5
+
+
+def test_a_loaded_result_has_the_same_table(result):
+    loaded = zoac.load_result(result.folder)
+    assert loaded.specs.equals(result.specs)
+    assert loaded.feasible
+    assert repr(loaded) == repr(result)
+
+
+def test_a_result_fits_a_terminal_and_shows_specs_before_and_after(result):
+    lines = repr(result).splitlines()
+    assert len(lines) <= 6
+    assert max(map(len, lines)) <= 80 or str(result.folder) in max(lines, key=len)
+    assert any("met    steady_state_error(y, r) <= 0.2" in line and "->" in line for line in lines)
+
+
+def test_a_broken_spec_is_told_in_table_and_warnings():
+    hopeless = zoac.specs.steady_state_error("y", "r", max=0.001)
+    found = tuned(specs=[hopeless], budget=400)
+    assert not found.feasible
+    assert found.specs["met"].tolist() == [False, None]
+    assert "UNMET  steady_state_error(y, r) <= 0.001" in repr(found)
+    said = [w for w in found.warnings if w.startswith("The spec steady_state_error(y, r) <= 0.001")]
+    assert len(said) == 1
+    assert "broken in 4 of 4 final episodes" in said[0]
+
+
+def test_what_never_settles_is_infinite_also_after_loading(tmp_path):
+    never = zoac.specs.settling_time("y", "r", band=0.001, max=1.0)
+    found = tuned(specs=[never], budget=200, folder=tmp_path)
+    assert found.specs.loc[0, ["baseline", "value"]].tolist() == [math.inf, math.inf]
+    assert zoac.load_result(tmp_path).specs.equals(found.specs)
+
+
+def test_of_two_that_never_settle_the_nearer_one_ranks_first():
+    never = zoac.specs.settling_time("y", "r", band=0.01, max=1.0)
+    found = Outcomes.of(episodes([2.0, 8.0, 0.6], specs=[never]))
+    assert found.order.tolist() == [1, 0, 2]
+
+
+def test_an_episode_that_ends_early_breaks_every_spec_the_earlier_the_more():
+    found = []
+    for ends_after in (None, 39, 10):
+        env = FirstOrder(ends_after=ends_after)
+        (segment,) = episodes([11.0], env=env, specs=[ERROR])
+        found.append(segment.violation)
+        if ends_after is not None:
+            assert segment.spec_values == (math.inf,)
+    assert found[0] == 0.0
+    assert 1.99 < found[1] < found[2] < 2.0
+
+
+def test_an_environment_that_calls_its_time_limit_a_termination_is_judged():
+    (segment,) = episodes([11.0], env=FirstOrder(terminates=True), specs=[ERROR])
+    assert segment.terminated
+    assert segment.spec_values[0] < 0.2
+
+
+def test_figures_of_a_loop_count_for_every_episode_and_are_computed_once():
+    pytest.importorskip("control")
+    calls = []
+
+    def loop(parameters):
+        import control
+
+        calls.append(parameters["k"])
+        return control.tf([parameters["k"]], [1.0, 3.0, 3.0, 1.0])
+
+    specs = [zoac.specs.gain_margin(loop, min=2.0)]
+    found = episodes([2.0, 8.0, 2.0, 8.0], specs=specs)
+    assert [s.spec_values[0] for s in found] == pytest.approx([4.0, 1.0, 4.0, 1.0])
+    assert [s.violation > 0 for s in found] == [False, True, False, True]
+    assert calls == pytest.approx([2.0, 8.0])
+
+
+def test_processes_give_the_same_bits(result):
+    other = tuned(executor="process")
+    assert other.parameters == result.parameters
+    assert other.cost_per_episode == result.cost_per_episode
+    assert other.specs.equals(result.specs)
+
+
+def test_a_run_of_other_specs_is_another_run(result):
+    with pytest.raises(zoac.core.errors.RunFolderError, match="another configuration") as refused:
+        tuned(folder=result.folder, specs=[zoac.specs.steady_state_error("y", "r", max=0.3)])
+    assert "max=0.2" in str(refused.value)
+    assert "max=0.3" in str(refused.value)
+    with pytest.raises(zoac.core.errors.RunFolderError, match="another configuration"):
+        tuned(folder=result.folder, signals={**SIGNALS, "r": 1.1})
+    assert tuned(folder=result.folder).specs.equals(result.specs)
+
+
+def test_the_folder_says_what_was_required_without_a_pickle(result):
+    config = json.loads((result.folder / "run.json").read_text())["config"]
+    assert config["task"]["specs"] == [
+        "steady_state_error(y, r): min=None, max=0.2, worst",
+        "peak(u): objective, mean, weight 1.0",
+    ]
+    assert config["task"]["sample_time"] == 0.05
+    assert config["task"]["signals"]["y"] == "observation(0)"
+
+
+def test_specs_and_signals_can_be_pickled():
+    spec, signals = cloudpickle.loads(cloudpickle.dumps((ERROR, SIGNALS)))
+    assert (spec.told(), signals["y"].unit) == (ERROR.told(), "m")
+
+
+@pytest.mark.parametrize("tuner", ["zoac", "zoac_plus"])
+def test_tuners_of_parts_of_episodes_are_refused_at_once(tuner):
+    with pytest.raises(ConfigError, match="give a tuner that asks for these: cmaes_full, bo"):
+        tuned(tuner=tuner)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"specs": [zoac.specs.peak("yy", max=1.0)]}, "peak.yy.: no signal 'yy'; did you mean 'y'"),
+        ({"objective": zoac.specs.iae("y", "r", max=1.0)}, "objective=iae.y, r.: it has a limit"),
+        (
+            {"objective": "cost", "specs": [zoac.specs.iae("y", "r")]},
+            "which makes it the objective",
+        ),
+        ({"specs": [ERROR, ERROR]}, "is there twice"),
+        ({"specs": [3.0]}, r"specs\[0\]=3.0: expected a spec of zoac.specs"),
+        ({"sample_time": -1.0}, "sample_time=-1.0: expected seconds, above 0"),
+        ({"specs": [zoac.specs.gain_margin(min=2.0)]}, "gain_margin: expected loop="),
+        ({"signals": {**SIGNALS, "v": "nothing"}}, "signals.v"),
+        ({"signals": {**SIGNALS, "y": zoac.observation(7)}}, r"observation\(7\) raised IndexError"),
+    ],
+)
+def test_what_cannot_be_judged_is_refused(options, said):
+    with pytest.raises(ConfigError, match=said):
+        tuned(budget=80, **options)
+
+
+def test_seconds_are_needed_where_a_spec_is_in_seconds():
+    class NoClock(FirstOrder):
+        dt = None
+
+    specs = [zoac.specs.settling_time("y", "r", max=1.0)]
+    with pytest.raises(ConfigError, match=r"settling_time.y, r. is in seconds.*sample_time="):
+        episodes([3.0], env=NoClock, specs=specs)
+    (segment,) = episodes([30.0 / 4], env=NoClock, specs=[ERROR])  # needs none
+    assert segment.spec_values[0] < 0.2

@@ -1,0 +1,128 @@
+"""Requirements in the terms of the trade.
+
+    zoac.specs.overshoot("y", "r", max=0.05)
+    zoac.specs.settling_time("y", "r", band=0.02, max=2.0, over="mean")
+
+All take the names of signals first, and by keyword `max`, `min`, `over`, `weight` and `window`: see
+`zoac.specs.Spec`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from zoac.specs import loops, responses
+from zoac.specs.spec import Loop, Spec
+
+
+def _of(name: str, signals: tuple[str, ...], options: Mapping[str, Any], limits: Mapping[str, Any],
+        unit: str = "", timed: bool = False) -> Spec:  # fmt: skip
+    limits = dict(limits)
+    if isinstance(window := limits.get("window"), list):  # from a YAML file
+        limits["window"] = tuple(window)
+    figure, beyond = getattr(responses, name), BEYOND.get(name)
+    return Spec(name, signals, figure, options, unit=unit, timed=timed, beyond=beyond, **limits)
+
+
+BEYOND: dict[str, Callable[..., float]] = {
+    "settling_time": responses.never_settled,
+    "rise_time": responses.never_rose,
+}
+"""What grades a figure that is infinite, by its name; see `Spec`."""
+
+
+def overshoot(y: str, r: str, **limits: Any) -> Spec:
+    """Require how far `y` goes beyond the last value of `r`, as a fraction of the step.
+
+    Args:
+        y: Name of the output.
+        r: Name of the reference.
+        limits: See `Spec`; so of all requirements.
+    """
+    return _of("overshoot", (y, r), {}, limits)
+
+
+def settling_time(y: str, r: str, band: float = 0.02, **limits: Any) -> Spec:
+    """Require the time [s] from which `y` stays within `band` of the step around `r`."""
+    return _of("settling_time", (y, r), {"band": band}, limits, "s", timed=True)
+
+
+def rise_time(y: str, r: str, low: float = 0.1, high: float = 0.9, **limits: Any) -> Spec:
+    """Require the time [s] that `y` takes from `low` to `high` of the step."""
+    return _of("rise_time", (y, r), {"low": low, "high": high}, limits, "s", timed=True)
+
+
+def steady_state_error(y: str, r: str, last: float = 0.1, **limits: Any) -> Spec:
+    """Require the mean absolute error over the last part `last` of the episode."""
+    return _of("steady_state_error", (y, r), {"last": last}, limits)
+
+
+def peak(y: str, **limits: Any) -> Spec:
+    """Require the largest magnitude of `y`."""
+    return _of("peak", (y,), {}, limits)
+
+
+def iae(y: str, r: str, **limits: Any) -> Spec:
+    """Require the integral over time [s] of the absolute error."""
+    return _of("iae", (y, r), {}, limits, timed=True)
+
+
+def ise(y: str, r: str, **limits: Any) -> Spec:
+    """Require the integral over time [s] of the squared error."""
+    return _of("ise", (y, r), {}, limits, timed=True)
+
+
+def itae(y: str, r: str, **limits: Any) -> Spec:
+    """Require the integral over time [s] of time times the absolute error."""
+    return _of("itae", (y, r), {}, limits, timed=True)
+
+
+def rms(y: str, **limits: Any) -> Spec:
+    """Require the root of the mean square of `y`."""
+    return _of("rms", (y,), {}, limits)
+
+
+def total_variation(u: str, **limits: Any) -> Spec:
+    """Require the sum of the changes of `u` from sample to sample, each without its sign."""
+    return _of("total_variation", (u,), {}, limits)
+
+
+def rate(u: str, **limits: Any) -> Spec:
+    """Require the largest change of `u` per second."""
+    return _of("rate", (u,), {}, limits, "1/s", timed=True)
+
+
+def _of_loop(name: str, loop: Loop | None, limits: Mapping[str, Any], unit: str = "") -> Spec:
+    return Spec(name, (), getattr(loops, name), loop=loop, unit=unit, **limits)
+
+
+def gain_margin(loop: Loop | None = None, **limits: Any) -> Spec:
+    """Require the factor by which the loop's gain may grow until it is unstable.
+
+    Args:
+        loop: Function of the parameters, by name, that returns the open loop, a system of
+            python-control. No simulation is spent.
+        limits: `max` and `min`; so of all requirements of a loop.
+    """
+    return _of_loop("gain_margin", loop, limits)
+
+
+def phase_margin(loop: Loop | None = None, **limits: Any) -> Spec:
+    """Require the phase [deg] that the loop may lose until it is unstable."""
+    return _of_loop("phase_margin", loop, limits, "deg")
+
+
+def disk_margin(loop: Loop | None = None, **limits: Any) -> Spec:
+    """Require the symmetric disk margin; see `zoac.specs.loops.disk_margin`."""
+    return _of_loop("disk_margin", loop, limits)
+
+
+def max_sensitivity(loop: Loop | None = None, **limits: Any) -> Spec:
+    """Require Ms, the largest magnitude of the sensitivity 1 / (1 + L)."""
+    return _of_loop("max_sensitivity", loop, limits)
+
+
+def bandwidth(loop: Loop | None = None, **limits: Any) -> Spec:
+    """Require the closed loop's bandwidth [rad/s]."""
+    return _of_loop("bandwidth", loop, limits, "rad/s")

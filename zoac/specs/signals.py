@@ -1,0 +1,184 @@
+"""Named signals of an episode, at the samples 0, T_s, 2 T_s, ... in seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from zoac.core.errors import ConfigError, ZoacError, suggest
+from zoac.core.segments import Segment
+from zoac.core.types import is_number
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Where a signal stands in a segment.
+
+    Args:
+        label: Its source, for people to read.
+        read: Function of a segment that returns (T + 1,) samples, or (T,) of what is held over a
+            step, whose last sample is then repeated. Of m loops side by side (T + 1, m) or (T, m).
+        unit: For people to read.
+    """
+
+    label: str
+    read: Callable[[Segment], Any]
+    unit: str = ""
+
+    def samples(self, segment: Segment) -> np.ndarray:
+        """Return (T + 1,) samples, or (T + 1, m).
+
+        Raises:
+            ConfigError: If the signal cannot be read, or is not one number per sample.
+        """
+        try:
+            values = np.asarray(self.read(segment), dtype=np.float64)
+        except ZoacError:
+            raise
+        except Exception as error:  # whatever a user's function raises
+            diagnostics = ", ".join(segment.diagnostics) or "none"
+            raise ConfigError(
+                f"signal {self.label} raised {type(error).__name__}: {error}; a segment has "
+                f"observations {segment.observations.shape}, actions {segment.actions.shape}, and "
+                f"diagnostics: {diagnostics}"
+            ) from error
+        if values.ndim in (1, 2) and len(values) == segment.length > 0:
+            values = np.concatenate([values, values[-1:]])
+        if values.ndim not in (1, 2) or len(values) != segment.length + 1:
+            raise ConfigError(
+                f"signal {self.label}: expected {segment.length + 1} samples, or one per step, got "
+                f"an array of shape {values.shape}"
+            )
+        return values
+
+
+def observation(index: int, unit: str = "") -> Signal:
+    """Return the signal of one number of the observation.
+
+    Args:
+        index: Which number, from 0.
+        unit: For people to read.
+    """
+    return Signal(f"observation({index})", partial(_observation, index), unit)
+
+
+def action(index: int = 0, unit: str = "") -> Signal:
+    """Return the signal of one number of the action that the environment applied.
+
+    Args:
+        index: Which number, from 0.
+        unit: For people to read.
+    """
+    return Signal(f"action({index})", partial(_action, index), unit)
+
+
+def diagnostic(name: str, unit: str = "") -> Signal:
+    """Return the signal of a number that the controller reports at each step.
+
+    Args:
+        name: What the controller calls it.
+        unit: For people to read.
+    """
+    return Signal(f"diagnostic({name!r})", partial(_diagnostic, name), unit)
+
+
+def constant(value: float, unit: str = "") -> Signal:
+    """Return a signal that does not change, such as a set-point.
+
+    Args:
+        value: Of every sample.
+        unit: For people to read.
+    """
+    return Signal(f"{value:g}", partial(_constant, float(value)), unit)
+
+
+def _observation(index: int, segment: Segment) -> np.ndarray:
+    return segment.observations[:, index]
+
+
+def _action(index: int, segment: Segment) -> np.ndarray:
+    return segment.actions[:, index]
+
+
+def _diagnostic(name: str, segment: Segment) -> np.ndarray:
+    return segment.diagnostics[name]
+
+
+def _constant(value: float, segment: Segment) -> np.ndarray:
+    return np.full(segment.length + 1, value)
+
+
+def named(signals: Mapping[str, Any]) -> dict[str, Signal]:
+    """Return signals by name from what a user gives: a `Signal`, a number, a function of a segment.
+
+    Raises:
+        ConfigError: If one is none of these.
+    """
+    if not isinstance(signals, Mapping):
+        raise ConfigError(
+            f"signals={signals!r}: expected signals by name, such as {{'y': zoac.observation(0)}}"
+        )
+    found = {}
+    for name, given in signals.items():
+        if isinstance(given, Signal):
+            found[name] = given
+        elif is_number(given):
+            found[name] = constant(given)
+        elif callable(given):
+            found[name] = Signal(name, given)
+        else:
+            raise ConfigError(
+                f"signals[{name!r}]={given!r}: expected zoac.observation(i), zoac.action(i), a "
+                "number, or a function of a segment"
+            )
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """The signals of one episode.
+
+    Args:
+        time: (K,) [s], from 0.
+        values: Samples (K,), or (K, m) of m loops side by side, by name.
+        ended: When it ended, as a part of its time limit: 1 in time, below 1 if a termination or a
+            failure ended it early.
+    """
+
+    time: np.ndarray
+    values: Mapping[str, np.ndarray]
+    ended: float = 1.0
+
+    @classmethod
+    def of(cls, segment: Segment, signals: Mapping[str, Signal], sample_time: float) -> Episode:
+        """Return the signals of a whole episode."""
+        time = sample_time * np.arange(segment.length + 1)
+        values = {name: signal.samples(segment) for name, signal in signals.items()}
+        return cls(time, values)
+
+    def within(self, window: tuple[float, float] | None) -> Episode:
+        """Return the part from one time to another [s], both included.
+
+        Raises:
+            ConfigError: If the episode has no sample there.
+        """
+        if window is None:
+            return self
+        # A sample that rounding puts just outside is inside.
+        slack = 1e-9 * max(1.0, window[1])
+        inside = (self.time >= window[0] - slack) & (self.time <= window[1] + slack)
+        if not inside.any():
+            raise ConfigError(
+                f"window={window}: the episode has no sample there; it lasts {self.time[-1]:g} s"
+            )
+        values = {name: samples[inside] for name, samples in self.values.items()}
+        return Episode(self.time[inside], values, self.ended)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self.values:
+            raise ConfigError(f"no signal {name!r}; {suggest(name, self.values)}")
+        return self.values[name]

@@ -1,0 +1,90 @@
+"""What evaluation episodes come to by specs, and the table of that in a result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from zoac.core.segments import Segment
+from zoac.specs.spec import Spec
+
+COLUMNS = ("spec", "limit", "baseline", "value", "met")
+
+
+def over_episodes(segments: Sequence[Segment], specs: Sequence[Spec]) -> dict[str, dict[str, Any]]:
+    """Return what whole episodes come to, by the spec's label.
+
+    Returns:
+        Of each spec: its `value`, by `over`; whether it is `met`, None without a limit; and in how
+        many episodes it is `broken`.
+    """
+    rows = [segment.spec_values or tuple(spec.worst for spec in specs) for segment in segments]
+    found = {}
+    for spec, values in zip(specs, zip(*rows, strict=True), strict=True):
+        value = spec.over_episodes(values)
+        broken = sum(spec.excess(v) > 0 for v in values)
+        found[spec.label] = {"value": value, "met": spec.met(value), "broken": broken}
+    return found
+
+
+def rows(
+    specs: Sequence[Spec],
+    after: Mapping[str, Mapping[str, Any]],
+    before: Mapping[str, Mapping[str, Any]],
+) -> list[dict[str, Any]]:
+    """Return what `result.json` holds, one entry per spec, numbers that are not finite included.
+
+    Args:
+        specs: Of the task.
+        after: What `over_episodes` returned for the answer.
+        before: Likewise for the baseline values; empty without any.
+    """
+    found = []
+    for spec in specs:
+        old: Mapping[str, Any] = before.get(spec.label, {})
+        found.append({
+            "spec": str(spec),
+            "limit": spec.limit,
+            "baseline": old.get("value"),
+            "baseline_met": old.get("met"),
+            **after[spec.label],
+            "bad_side": "low" if spec.worst < 0 else "high",
+            "has_baseline": bool(old),
+        })  # fmt: skip
+    return found
+
+
+def restored(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row of `result.json` with infinity where null stands for it.
+
+    A value that is not finite and keeps its limit lies on the good side, any other on the bad one.
+    """
+    high_is_bad = row["bad_side"] == "high"
+    found = dict(row)
+    for key, met in (("value", row["met"]), ("baseline", row["baseline_met"])):
+        if found[key] is None and (key == "value" or row["has_baseline"]):
+            found[key] = math.inf if high_is_bad != bool(met) else -math.inf
+    return found
+
+
+def lines(found: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a line for people per restored row: met or not, spec, limit, before and after."""
+    names = [f"{row['spec']} {row['limit']}".rstrip() for row in found]
+    width = min(MAX_NAME, max(map(len, names), default=0))
+    told = []
+    for row, name in zip(found, names, strict=True):
+        verdict = {True: "met", False: "UNMET", None: ""}[row["met"]]
+        value = f"{row['value']:.4g}"
+        if row["baseline"] is not None:
+            value = f"{row['baseline']:.4g} -> {value}"
+        shown = name if len(name) <= width else name[: width - 3] + "..."
+        told.append(f"{verdict:<5}  {shown:<{width}}  {value}")
+    return told
+
+
+OF_A_SPEC = "The spec"
+"""How the warning of a broken spec begins."""
+
+MAX_NAME = 44
+"""Characters of a spec and its limit, so that a line with both values fits a terminal."""
