@@ -69,6 +69,25 @@ def test_fidelity_reaches_the_task():
     assert config["tuner"]["critic"]["minibatch_remainder"] == "joined"
 
 
+@pytest.mark.parametrize("tuner", ["zoac", "zoac_plus"])
+def test_the_authors_cost_is_a_task_of_its_own_with_the_same_presets(tuner):
+    shared = [f"tuner={tuner}", "fidelity=authors_code"]
+    one, other = (
+        resolved(compose_config([f"task={task}", *shared])) for task in ("pid_acc", "pid_acc_code")
+    )
+    assert one == other
+
+
+@pytest.mark.parametrize("row", ["zoac_code", "zoac_reg_code"])
+def test_rows_of_the_authors_code_have_its_switches(row):
+    config = resolved(compose_config([f"method={row}"]))
+    assert config["task"]["weights"] == "aliased"
+    assert config["task"]["regularisation"] == (50.0 if "reg" in row else 0.0)
+    assert config["tuner"]["step_size"]["anneal"] is False
+    assert config["tuner"]["critic"]["minibatch_remainder"] == "joined"
+    assert config["variant"] == "authors_code"
+
+
 @pytest.mark.parametrize(
     ("override", "message"),
     [
