@@ -230,7 +230,7 @@ class _Reevaluation(HeldOut):
         if np.isfinite(means).any():
             metrics["reevaluated_best"] = float(means[self.ranking[0]])
         if (finite := np.isfinite(self._told)).any():
-            metrics["optimism"] = float((self._told / rounds - self._seen)[finite].mean())
+            metrics["selection_bias"] = float((self._told / rounds - self._seen)[finite].mean())
         return metrics
 
     def state(self) -> Any:

@@ -18,14 +18,10 @@ from zoac.core.errors import ConfigError
 from zoac.core.measures import Constraint, Metric
 from zoac.core.parameters import Parameter, ParameterSpace, choice
 from zoac.core.types import is_number
-from zoac.envs.gymnasium_adapter import (
-    Bounds,
-    EnvSource,
-    GymnasiumVecEnv,
-    env_action,
-    single_env,
-)
+from zoac.envs.gymnasium_adapter import GymnasiumVecEnv
 from zoac.envs.objective import Objective
+from zoac.envs.plant_numbers import Bounds
+from zoac.envs.single_env import EnvSource, env_action, single_env
 from zoac.rollout.task import Task
 from zoac.specs.judge import check
 from zoac.specs.signals import Signal

@@ -20,15 +20,17 @@ from zoac.core.errors import ConfigError, Interrupted, option_names, suggest
 from zoac.core.measures import Constraint, Metric
 from zoac.core.parameters import ParameterSpace
 from zoac.core.types import is_number
-from zoac.envs.gymnasium_adapter import Bounds
+from zoac.envs.plant_numbers import Bounds
+from zoac.envs.single_env import EnvSource
 from zoac.loggers.console import Console
 from zoac.rollout.task import Task
 from zoac.runs import schema
 from zoac.runs.result import Result, keep_task, result_of
 from zoac.runs.schema import TASK
 from zoac.specs.spec import Spec
-from zoac.tasks.user_task import EnvSource, UserTask, user_task
-from zoac.training.lifecycle import Run, execute, with_code
+from zoac.tasks.user_task import UserTask, user_task
+from zoac.training.identity import with_code
+from zoac.training.lifecycle import Run, execute
 
 RESUME = ("auto", "never", "overwrite")
 

@@ -123,7 +123,7 @@ class Search:
 
     def _begin(self, plain: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
         """Mark a fresh study as one of this configuration and begin it at the defaults."""
-        from zoac.training.lifecycle import with_code
+        from zoac.training.identity import with_code
 
         identified, _ = with_code(plain, build_task(plain))
         about = {

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from zoac.config import factory
 from zoac.config.compose import compose_config, resolved, variant_of
 from zoac.core.errors import ZoacError
-from zoac.training.lifecycle import run_folder
+from zoac.training.identity import run_folder
 
 KEYS = [
     "seed", "budget", "num_envs", "eval_every", "evaluation", "evaluation.episodes",

@@ -12,7 +12,8 @@ from zoac.core.errors import ConfigError, ControllerError, EnvironmentContractEr
 from zoac.core.measures import Metric
 from zoac.core.segments import Proposal
 from zoac.envs import gymnasium_adapter
-from zoac.envs.gymnasium_adapter import GymnasiumVecEnv, env_action
+from zoac.envs.gymnasium_adapter import GymnasiumVecEnv
+from zoac.envs.single_env import env_action
 from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.user_task import UserTask, parse_space, user_task
 

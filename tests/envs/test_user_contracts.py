@@ -11,7 +11,8 @@ from zoac.controllers.neural import linear
 from zoac.core.errors import ConfigError, ControllerError, EnvironmentContractError
 from zoac.core.measures import Constraint, Metric
 from zoac.core.segments import Proposal
-from zoac.envs.gymnasium_adapter import GymnasiumVecEnv, env_action
+from zoac.envs.gymnasium_adapter import GymnasiumVecEnv
+from zoac.envs.single_env import env_action
 from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.user_task import parse_space, user_task
 

@@ -30,6 +30,7 @@ GIVEN_UP = {
     "tolerated": "max_termination_rate",
     "meanwhile": "background_update",
     "careful": "robust",
+    "optimism": "selection_bias",
     "sink": "logger",
     "sinks": "loggers",
     "ours": "zoac",

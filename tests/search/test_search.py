@@ -17,7 +17,7 @@ import pytest
 from tests.support import Traps, with_a_trap
 from zoac.core.errors import ConfigError, ControllerError
 from zoac.runs import checkpoint
-from zoac.training import lifecycle
+from zoac.training import identity
 
 optuna = pytest.importorskip("optuna", reason="pip install 'zoac[search]'")
 
@@ -88,7 +88,7 @@ def test_an_edit_of_their_own_code_makes_another_search(tmp_path, monkeypatch):
     code = tmp_path / "own" / "tank.py"
     code.write_text(code.read_text().replace("DT = 1.0", "DT = 20.0"))
     sys.modules.pop("tank")
-    lifecycle._seen.clear()  # as in another process
+    identity._seen.clear()  # as in another process
     with pytest.raises(ConfigError, match="another configuration, code or ranges"):
         cheap(tmp_path, runs=runs)
     sys.modules.pop("tank")

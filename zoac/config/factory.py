@@ -147,13 +147,13 @@ def baseline_use(node: Mapping[str, Any], task: Task, settings: Settings) -> dic
         more = "; tuner.start=baseline does" if "start" in node else ""
     else:
         told = "the search begins there"
-        raced = settings.initial_sigma is None and node.get("halving_fraction")
-        more = ", if they win the race against random points" if raced else ""
+        halved = settings.initial_sigma is None and node.get("halving_fraction")
+        more = ", if they win against random points" if halved else ""
     return {"baseline values": told + more}
 
 
 def _on_terms(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
-    """Return the tuner, with a scouted start and common episodes if they are asked for."""
+    """Return the tuner, with an initial design and common random numbers if they are asked for."""
     if settings.initial_samples is None:
         tuner: Tuner = build(node, "tuner", Tuner, problem=problem)
     else:
@@ -179,5 +179,5 @@ def build_executor(config: Mapping[str, Any]) -> Executor:
 
 
 def build_loggers(config: Mapping[str, Any]) -> list[Logger]:
-    """Return the mirrors of a resolved configuration."""
+    """Return the loggers of a resolved configuration."""
     return [build(node, f"logger.{name}", Logger) for name, node in config["logger"].items()]

@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete
 
 from zoac.core.errors import ConfigError
-from zoac.envs.gymnasium_adapter import EnvSource, single_env
+from zoac.envs.single_env import EnvSource, single_env
 
 Space = dict[str, tuple[float, float]]
 Act = Callable[[Mapping[str, float], np.ndarray], np.ndarray]

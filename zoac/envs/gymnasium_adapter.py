@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
-from gymnasium.vector import VectorEnv
-from gymnasium.wrappers import ClipAction, NormalizeObservation, NormalizeReward, TimeLimit
 
 from zoac.core.errors import (
     ConfigError,
@@ -24,10 +21,15 @@ from zoac.core.seeding import stream
 from zoac.core.state import OwnObject
 from zoac.envs.base import VecEnv
 from zoac.envs.objective import Objective
-from zoac.envs.plant_numbers import Bounds, PlantNumbers, lost_number
-
-EnvSource = str | gymnasium.Env | Callable[[], gymnasium.Env]
-"""What a user gives as an environment: an id, an environment, or what makes one."""
+from zoac.envs.plant_numbers import Bounds, PlantNumbers
+from zoac.envs.single_env import (
+    applied_action_space,
+    check_reset,
+    drift_remarks,
+    env_action,
+    flattened_remarks,
+    own_time_limit,
+)
 
 MAX_EPISODE_STEPS = 10_000
 """Steps after which an episode that nothing limits is an error."""
@@ -61,7 +63,7 @@ class GymnasiumVecEnv(VecEnv):
                 attribute.
         """
         first = envs[0]
-        _check_reset(first)
+        check_reset(first)
         if not isinstance(first.observation_space, Box):
             raise ConfigError(
                 f"the environment's observations are {first.observation_space}; expected a Box "
@@ -78,12 +80,12 @@ class GymnasiumVecEnv(VecEnv):
             raise ConfigError(
                 f"the environment's actions are {first.action_space}; expected a Box or Discrete"
             )
-        limit = max_episode_steps or _own_limit(first)
+        limit = max_episode_steps or own_time_limit(first)
         super().__init__(len(envs), observations, actions, limit or MAX_EPISODE_STEPS)
         self.limited = limit is not None
-        self.remarks = (*_drifting(first), *_flattened(first))
+        self.remarks = (*drift_remarks(first), *flattened_remarks(first))
         self._envs = list(envs)
-        self._taken = _taken(first)
+        self._taken = applied_action_space(first)
         self._make, self._objective = make, Objective(objective)
         self._numbers = PlantNumbers(first, plant or {}, vary or {})
         for env in self._envs:
@@ -233,117 +235,6 @@ class GymnasiumVecEnv(VecEnv):
             env.close()
 
 
-def env_action(space: gymnasium.Space, action: np.ndarray) -> Any:
-    """Return a controller's action (m,) as the environment takes it.
-
-    Args:
-        space: Its action space: Discrete, where the nearest action counts, or Box, whose bounds
-            clip; of whole numbers the nearest counts.
-        action: What the controller returned.
-    """
-    if isinstance(space, Discrete):
-        return int(space.start + np.clip(round(float(action[0])) - space.start, 0, space.n - 1))
-    assert isinstance(space, Box)
-    whole = np.issubdtype(space.dtype, np.integer)
-    action = (np.rint(action) if whole else action).reshape(space.shape)
-    return np.clip(action, space.low, space.high).astype(space.dtype)
-
-
-def _taken(env: gymnasium.Env) -> gymnasium.Space:
-    """Return the space of actions that an environment applies: within a ClipAction, its bounds."""
-    inner = env
-    while isinstance(inner, gymnasium.Wrapper):
-        if isinstance(inner, ClipAction):
-            return _taken(inner.env)
-        if isinstance(inner, gymnasium.ActionWrapper) or not _is_gymnasiums(inner):
-            break  # it may take actions in other units
-        inner = inner.env
-    return env.action_space
-
-
-def _is_gymnasiums(env: gymnasium.Wrapper) -> bool:
-    return type(env).__module__.startswith("gymnasium.wrappers.")
-
-
-def copy_of(env: gymnasium.Env) -> gymnasium.Env:
-    """Return a copy of an environment object with the same numbers.
-
-    Raises:
-        ConfigError: If it cannot be copied, or its copy has other numbers: some are built anew
-            from the arguments that made them.
-    """
-    remedy = "give a function that makes the environment instead, such as env=make_env"
-    try:
-        twin = copy.deepcopy(env)
-    except Exception as error:  # whatever a user's environment raises when it is copied
-        raise ConfigError(
-            f"env={env}: every environment needs a copy, and copying raised "
-            f"{type(error).__name__}: "
-            f"{error}; {remedy}"
-        ) from error
-    if (name := lost_number(env, twin)) is not None:
-        found, value = getattr(twin.unwrapped, name, None), getattr(env.unwrapped, name)
-        raise ConfigError(
-            f"env={env}: every environment needs a copy, and in a copy {name!r} is {found!r}, not "
-            f"{value!r}; {remedy}"
-        )
-    return twin
-
-
-def _check_reset(env: gymnasium.Env) -> None:
-    """See that an environment and its wrappers can be reset with a seed.
-
-    Raises:
-        ConfigError: If one cannot.
-    """
-    layer: Any = env
-    while layer is not None:
-        try:
-            inspect.signature(layer.reset).bind(seed=0)
-        except ValueError:  # nothing tells its arguments
-            pass
-        except TypeError:
-            raise ConfigError(
-                f"{type(layer).__name__}.reset{inspect.signature(layer.reset)} takes no seed, "
-                "without which no episode can be repeated; expected reset(self, *, seed=None, "
-                "options=None), which calls super().reset(seed=seed) and draws from self.np_random"
-            ) from None
-        layer = layer.env if isinstance(layer, gymnasium.Wrapper) else None
-
-
-def _flattened(env: gymnasium.Env) -> Iterator[str]:
-    """Yield a remark for each space whose numbers are put in a row."""
-    spaces = (("observations", env.observation_space), ("actions", env.action_space))
-    for what, space in spaces:
-        if isinstance(space, Box) and len(space.shape) > 1:
-            size = int(np.prod(space.shape))
-            yield f"{what} of shape {space.shape} are {size} numbers to the controller, row by row"
-
-
-def _drifting(env: gymnasium.Env) -> Iterator[str]:
-    """Yield a warning for each wrapper that scales by running statistics."""
-    while isinstance(env, gymnasium.Wrapper):
-        if isinstance(env, NormalizeReward | NormalizeObservation) and env.update_running_mean:
-            what = "costs" if isinstance(env, NormalizeReward) else "observations"
-            yield (
-                f"{type(env).__name__} scales by running statistics, so the same episode gives "
-                f"other {what} later in the run, and environments differ: remove the wrapper, or "
-                "set its "
-                "update_running_mean to False once its statistics are final"
-            )
-        env = env.env
-
-
-def _own_limit(env: gymnasium.Env) -> int | None:
-    """Return the time limit that an environment brings along, if it has one."""
-    limits = [env.spec.max_episode_steps] if env.spec else []
-    while isinstance(env, gymnasium.Wrapper):
-        if isinstance(env, TimeLimit):
-            limits.append(env._max_episode_steps)
-        env = env.env
-    return min((limit for limit in limits if limit is not None), default=None)
-
-
 _STEP = ("observation", "reward", "terminated", "truncated", "info")
 
 
@@ -355,34 +246,4 @@ def _parts(result: Any, method: str, expected: tuple[str, ...]) -> tuple[Any, ..
     raise EnvironmentContractError(
         f"the environment's {method} returned {found}, expected ({', '.join(expected)}), info a "
         "dict; an environment of the old Gym must be wrapped"
-    )
-
-
-def single_env(source: EnvSource) -> gymnasium.Env:
-    """Make an environment from what a user gives; an object is copied.
-
-    Raises:
-        ConfigError: If it cannot be made, or is no `gymnasium.Env`.
-    """
-    if isinstance(source, gymnasium.Env):
-        return copy_of(source)
-    made: Any = source
-    if isinstance(source, str) or (callable(source) and not isinstance(source, VectorEnv)):
-        try:
-            made = gymnasium.make(source) if isinstance(source, str) else source()
-        except ZoacError:
-            raise
-        except Exception as error:  # whatever a user's constructor raises
-            raise ConfigError(
-                f"env={source!r}: making it raised {type(error).__name__}: {error}; expected the "
-                "id of a Gymnasium environment, or a function without arguments that makes one"
-            ) from error
-    if isinstance(made, gymnasium.Env):
-        return made
-    remedy = "an environment of the old Gym must be wrapped"
-    if isinstance(made, VectorEnv):
-        remedy = "give a single environment, of which as many are made as are needed"
-    raise ConfigError(
-        f"env={source!r}: {'it is' if made is source else 'it makes'} {made!r}, expected a "
-        f"gymnasium.Env; {remedy}"
     )

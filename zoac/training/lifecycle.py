@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
-import re
 import shutil
 import signal
 import sys
@@ -16,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from zoac.config import factory, fingerprint
+from zoac.config import factory
 from zoac.config.settings import Settings
-from zoac.config.validate import TARGET, locate
-from zoac.core.errors import ConfigError, Interrupted, RunFolderError
+from zoac.core.errors import Interrupted, RunFolderError
 from zoac.core.tuner import Tuner
 from zoac.executors.base import Executor
 from zoac.loggers.base import Logger
@@ -28,28 +25,9 @@ from zoac.rollout.task import Task
 from zoac.runs import provenance, schema
 from zoac.runs.lock import HeldError, locked
 from zoac.runs.log import RunLog
+from zoac.training.identity import run_folder, with_code
 from zoac.training.lifeline import is_cut
 from zoac.training.trainer import Trainer
-
-
-def run_folder(config: Mapping[str, Any], task: str, tuner: str) -> Path:
-    """Return `<runs_dir>/<task>/<tuner>/seed=<s>[/variant=<name>]`.
-
-    Raises:
-        ConfigError: If `runs_dir` is empty or `variant` is no name of a folder.
-    """
-    if not config["runs_dir"].strip():
-        raise ConfigError(
-            f"runs_dir={config['runs_dir']!r}: expected a folder, such as runs, or . for this one"
-        )
-    variant = config["variant"] or ""
-    if "/" in variant:
-        usable = "-".join(re.findall("[^/.]+", variant)) or "mine"
-        raise ConfigError(
-            f"variant={variant!r}: expected the name of one folder, without /, such as {usable!r}"
-        )
-    folder = Path(config["runs_dir"]).expanduser() / task / tuner / f"seed={config['seed']}"
-    return folder / f"variant={config['variant']}" if config["variant"] else folder
 
 
 @dataclass(frozen=True)
@@ -66,7 +44,8 @@ class Run:
         settings: Seed, budget and evaluation.
         loggers: Where rows go beside the run folder.
         quiet: Do not say that the run is done already.
-        doubts: What `config` cannot tell of the task, one sentence each; see `with_code`.
+        doubts: What `config` cannot tell of the task, one sentence each; see
+            `zoac.training.identity.with_code`.
     """
 
     identity: Mapping[str, Any]
@@ -79,42 +58,6 @@ class Run:
     loggers: Sequence[Logger]
     quiet: bool = False
     doubts: Sequence[str] = ()
-
-
-def with_code(config: Mapping[str, Any], task: Task) -> tuple[dict[str, Any], Sequence[str]]:
-    """Return a configuration with what tells a user's code and objects from others; and doubts.
-
-    Args:
-        config: Resolved configuration; its task has a `_target_` if it comes from a YAML file.
-        task: What is tuned.
-
-    Returns:
-        The configuration with the key `code`, if the task has code that is not zoac's own; and a
-        sentence for each part that cannot be compared with that of another run.
-    """
-    node = config["task"]
-    if TARGET not in node:
-        code, doubts = fingerprint.told(task.parts())
-    else:
-        # Jobs of a sweep may share a process, and earlier ones may have changed the code's globals.
-        key = json.dumps(node, sort_keys=True)
-        if key not in _seen:
-            _seen[key] = fingerprint.told(_parts_from_file(node[TARGET], task))
-        code, doubts = _seen[key]
-    kept = {name: texts for name, texts in code.items() if texts}
-    return {**config, "code": kept} if kept else dict(config), doubts
-
-
-_seen: dict[str, tuple[dict[str, Any], list[str]]] = {}
-
-
-def _parts_from_file(target: str, task: Task) -> dict[str, Any]:
-    """Return the parts of a task from a YAML file, which has the task's options already."""
-    parts = task.parts()
-    if parts.get("task") is not task:
-        return parts
-    made_by = locate(target, TARGET)
-    return {} if fingerprint.is_installed(made_by.__module__) else {"task": made_by}
 
 
 def run_session(
