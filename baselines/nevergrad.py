@@ -130,6 +130,7 @@ class NevergradTuner(EpisodeTuner):
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", InefficientSettingsWarning)
+                warnings.filterwarnings("ignore", "orphanated injected")  # where it asks singly
                 yield
                 _Thread.settle()
         except Exception as error:

@@ -53,6 +53,8 @@ if TYPE_CHECKING:
     from zoac.runs.result import load_result as load_result
     from zoac.specs.signals import action as action
     from zoac.specs.signals import observation as observation
+    from zoac.studies.program import program as program
+    from zoac.studies.study import Study as Study
 
 _HOMES = {
     "Interrupted": "core.errors",
@@ -61,10 +63,13 @@ _HOMES = {
     "load_result": "runs.result",
     "make_task": "api",
     "observation": "specs.signals",
+    "program": "studies.program",
+    "Study": "studies.study",
     "tune": "api",
 }
 __all__ = [
-    "Interrupted", "Result", "action", "load_result", "make_task", "observation", "specs", "tune",
+    "Interrupted", "Result", "Study", "action", "load_result", "make_task", "observation",
+    "program", "specs", "tune",
 ]  # fmt: skip
 
 

@@ -7,7 +7,7 @@ import json
 import re
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import fields
 from pathlib import Path
@@ -28,6 +28,7 @@ from zoac.runs import schema
 from zoac.runs.result import Result, keep_task, result_of
 from zoac.runs.schema import TASK
 from zoac.specs.spec import Spec
+from zoac.studies.carry_out import from_tune
 from zoac.tasks.user_task import UserTask, user_task
 from zoac.training.identity import with_code
 from zoac.training.lifecycle import Run, execute
@@ -86,6 +87,9 @@ def tune(
     folder: str | Path | None = None,
     resume: str = "auto",
     quiet: bool = False,
+    cost: Callable[[dict[str, Any]], Any] | None = None,
+    experiments: int | None = None,
+    workers: int | None = None,
     **settings: Any,
 ) -> Result:
     """Tune a controller in a simulator; return the best parameters found.
@@ -133,6 +137,12 @@ def tune(
             code and values of environment and controller, are these, and is returned if it is
             done), "never", "overwrite".
         quiet: Print nothing.
+        cost: Instead of an environment: a function of {name: value} that makes an experiment and
+            returns its cost, or a dict of `cost`, `metrics` and `constraints`; or `zoac.program`.
+            The run is then a `zoac.Study`, whose options apply, and `constraints` are limits by
+            name.
+        experiments: Calls of `cost`, 60 by default; nothing else is run.
+        workers: Calls of `cost` at a time, in threads; 1 by default.
         settings: `num_envs`, `initial_sigma`, `acceptance_test`, `select`, `initial_samples`,
             `common_random_numbers`, `failure_penalty`, ...: any other of
             `zoac.config.settings.Settings`, which says what each does.
@@ -148,6 +158,10 @@ def tune(
         NothingWorksError: If every episode fails.
         RunFolderError: If `folder` holds another run.
     """
+    if cost is not None:
+        return from_tune(locals(), inspect.signature(tune).parameters)
+    if experiments is not None or workers is not None:
+        raise ConfigError("experiments and workers belong to cost=..., a function to minimise")
     of_task = {
         "baseline": baseline,
         "metrics": metrics,

@@ -22,9 +22,9 @@ LAYERS = (
     ("baselines",),
     ("config",),
     ("tasks", "runs"),
-    ("training",),
+    ("training", "studies"),
     ("cli",),
-    ("run", "check", "search", "api"),
+    ("run", "check", "search", "study", "api"),
 )
 """From the lowest to the highest; a module imports from its own package and from lower layers."""
 

@@ -103,9 +103,14 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
     env.close()
     if task.specs:
         _refuse_parts_of_episodes(node)
+    return build_tuner_for(node, whole, settings)
+
+
+def build_tuner_for(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
+    """Return the tuner of a config node, and what wraps it, for a problem."""
     if settings.initial_sigma is not None:
         node = around_baseline(node, settings.initial_sigma)
-    return _tested(node, whole, settings)
+    return _tested(node, problem, settings)
 
 
 def _refuse_parts_of_episodes(node: Mapping[str, Any]) -> None:

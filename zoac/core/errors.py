@@ -51,6 +51,18 @@ class NothingWorksError(ZoacError):
     """Every episode failed, so that there is nothing to tune on."""
 
 
+class StudyError(ZoacError):
+    """A study cannot do what it was asked for: no such trial, another result, nothing known yet."""
+
+
+class TrialsPending(StudyError):
+    """The next experiment of a study depends on trials that have no result yet."""
+
+
+class StudyFinished(StudyError):
+    """A study has asked for all of its experiments."""
+
+
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C or a SIGTERM stopped a run after an iteration; its checkpoint is written.
 

@@ -1,0 +1,1 @@
+"""Studies: experiments that something else runs, proposed and judged by the tuners of zoac."""

@@ -1,0 +1,97 @@
+"""The journal of a study: one JSON object a line, written under a lock and never changed.
+
+The rows, in the order in which they happened:
+    asked       number, time, by, parameters, x
+    told        number, time, cost, metrics, constraints
+    failed      number, time, reason
+    abandoned   number, time, reason
+A row counts once its line is complete. A process that is killed while it writes leaves at most a
+part of a line, which the next writer removes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from zoac.core.errors import RunFolderError
+from zoac.runs.lock import locked
+from zoac.runs.schema import json_line, sync_folder
+
+JOURNAL = "journal.jsonl"
+
+
+class Journal:
+    """The journal in a folder, read from where the last reading ended."""
+
+    def __init__(self, folder: Path) -> None:
+        """
+        Args:
+            folder: Of the study; exists.
+        """
+        self.path = folder / JOURNAL
+        self._lock = folder / ".lock"
+        self._read = 0  # bytes
+        self._lines = 0
+
+    @contextmanager
+    def writing(self) -> Iterator[None]:
+        """Hold the journal's lock, which one process and thread has at a time.
+
+        Raises:
+            RunFolderError: If the folder cannot be written.
+        """
+        try:
+            with locked(self._lock, wait=True, poll=0.005):
+                yield
+        except OSError as error:
+            raise RunFolderError(f"cannot write {self.path}: {error.strerror}") from error
+
+    def news(self) -> list[dict[str, Any]]:
+        """Return the complete rows that were written since the last call.
+
+        Raises:
+            RunFolderError: If a line is damaged or the file is shorter than before.
+        """
+        if not self.path.exists():
+            return []
+        with open(self.path, "rb") as file:
+            if file.seek(0, os.SEEK_END) < self._read:
+                raise RunFolderError(f"{self.path} has become shorter: rows are lost; put it back")
+            file.seek(self._read)
+            whole, newline, _ = file.read().rpartition(b"\n")
+        rows = []
+        for line in whole.split(b"\n") if newline else []:
+            self._lines += 1
+            try:
+                row = json.loads(line)
+                row["kind"], row["number"]
+            except (ValueError, KeyError, TypeError):
+                raise RunFolderError(f"{self.path}: line {self._lines} is damaged") from None
+            rows.append(row)
+        self._read += len(whole) + len(newline)
+        return rows
+
+    def append(self, rows: Sequence[dict[str, Any]]) -> None:
+        """Write rows at the end, and return once they are on the disk; the lock must be held.
+
+        All earlier rows must have been read: what follows them is part of a line.
+        """
+        left = memoryview("".join(map(json_line, rows)).encode())
+        is_new = not self.path.exists()
+        descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
+        with os.fdopen(descriptor, "r+b", buffering=0) as file:
+            file.seek(self._read)
+            if b"\n" in file.read():
+                raise RunFolderError(f"{self.path}: another process wrote without the lock")
+            file.truncate(self._read)
+            file.seek(self._read)
+            while left:
+                left = left[file.write(left) :]
+            os.fsync(file.fileno())
+        if is_new:
+            sync_folder(self.path.parent)
