@@ -68,7 +68,7 @@ class Lqr(Task):
         """
         Args:
             tuned: The gains themselves, or the weights from which they follow.
-            noise: See `LqrVecEnv`.
+            noise: Standard deviation of the disturbance of each state and step.
             max_episode_steps: Time limit, in steps of 0.1 s.
         """
         self._tuned, self._noise, self._steps = tuned, noise, max_episode_steps

@@ -57,7 +57,8 @@ class MpcTracking(Task):
         Args:
             solver: Of the MPC's quadratic programmes.
             mpc: How the MPC plans.
-            weights: See `TrackingMpc`.
+            weights: Each of the 13 weights its own ("separate", the paper's text), or the input
+                weights also the terminal x and y weights ("aliased", the authors' code).
             regularisation: zeta: the tuner sees r + zeta/2 |F_theta(X_t, U_t) - X_{t+1}|^2.
             max_episode_steps: Time limit.
         """

@@ -30,7 +30,12 @@ class Pendulum(Task):
         length: Positive = 1.0,
         max_episode_steps: Count = 200,
     ) -> None:
-        """See `PendulumVecEnv` for the options."""
+        """
+        Args:
+            mass: Of the rod [kg].
+            length: Of the rod [m].
+            max_episode_steps: Time limit, in steps of 0.05 s.
+        """
         self._mass, self._length, self._steps = mass, length, max_episode_steps
 
     def make_env(self, n: int) -> PendulumVecEnv:

@@ -30,7 +30,14 @@ class PidAcc(Task):
         jerk: Jerk = "rate",
         max_episode_steps: Count = 1000,
     ) -> None:
-        """See `PidAccVecEnv` for the options."""
+        """
+        Args:
+            preceding_std: Standard deviation of the preceding car's acceleration [m/s^2].
+            jerk: Comfort term of the cost: 0.1 (du/T_s)^2 of the change applied ("rate", the
+                paper's text), 0.1 du^2 of it ("increment"), or 0.1 du^2 of the increment commanded
+                ("commanded_increment", the authors' code).
+            max_episode_steps: Time limit, in steps of 0.1 s.
+        """
         self._preceding_std, self._max_episode_steps = preceding_std, max_episode_steps
         self._jerk: Jerk = jerk
 

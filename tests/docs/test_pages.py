@@ -12,6 +12,7 @@ import yaml
 
 import zoac
 from tests.analysis.folders import write_run
+from tests.docs import options
 
 ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -52,6 +53,23 @@ def test_the_yaml_of_the_guide_is_the_examples():
     (block,) = blocks("tune_your_own.md", "yaml")
     example = yaml.safe_load((ROOT / "examples/own_task/conf/task/tank.yaml").read_text())
     assert yaml.safe_load(block) == example
+
+
+def test_the_table_of_options_is_what_the_code_says():
+    """Otherwise: python -m tests.docs.options > docs/options.md."""
+    assert (ROOT / "docs" / "options.md").read_text() == options.main() + "\n"
+
+
+GENERATED = ("errors.md", "options.md")
+TEXTS = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *ROOT.glob("zoac/**/*.md")]
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
+def test_lines_fit_100_columns(path):
+    lines = path.read_text().splitlines() if path.name not in GENERATED else []
+    # A row of a table cannot be wrapped, and an address cannot be cut.
+    free = [line for line in lines if not line.startswith("|") and "](http" not in line]
+    assert [line for line in free if len(line) > 100] == []
 
 
 def test_every_page_is_in_the_navigation():

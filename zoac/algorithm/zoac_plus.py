@@ -63,8 +63,9 @@ class ZoacPlus(Zoac):
             exploration: See `Zoac`.
             step_size: See `Zoac`.
             critic: See `Zoac`.
-            recommend: See `Zoac`; where no part of the budget is for a final selection.
-            average_decay: See `Zoac`.
+            recommend: The last iterate, or an exponential average of the iterates, where no part of
+                the budget is for a final selection.
+            average_decay: Decay of that average per iteration.
             paired: Run every direction both ways from the same state.
             halving_fraction: Of the budget, for finding a start; 0 starts as `start` says.
             halving_rounds: Rounds of successive halving, with horizons that grow to an episode.
