@@ -41,7 +41,7 @@ def test_its_python_runs(page, monkeypatch, tmp_path):
 @pytest.mark.parametrize("page", PAGES)
 def test_the_modules_and_files_that_its_commands_name_exist(page):
     for text in blocks(page, "bash"):
-        for line in text.splitlines():
+        for line in text.replace("\\\n", " ").splitlines():
             words = shlex.split(line, comments=True)
             if words[:2] == ["python", "-m"]:
                 assert importlib.util.find_spec(words[2]), line
