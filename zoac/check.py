@@ -21,6 +21,7 @@ from zoac.core.errors import ZoacError
 from zoac.core.segments import Proposal, Segment
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.probe import first_difference, played
+from zoac.rollout.spec_check import baseline_specs
 from zoac.rollout.task import Task
 
 STEPS = 120
@@ -46,7 +47,8 @@ class Verdict(NamedTuple):
 
 def check(task: Task) -> Iterator[Verdict]:
     """Yield one verdict for each check of `task`."""
-    for name, body in CHECKS.items():
+    checks = {**CHECKS, "specs": baseline_specs} if task.specs else CHECKS
+    for name, body in checks.items():
         try:
             yield Verdict(name, *body(task))
         except ZoacError as error:

@@ -50,6 +50,8 @@ pre { background: var(--soft); border-radius: 8px; padding: .8rem 1rem; overflow
       font: .82rem/1.5 ui-monospace, monospace; margin: .5rem 0; }
 ul { padding-left: 1.2rem; margin: .5rem 0; } li { margin: .2rem 0; overflow-wrap: anywhere; }
 .warning { color: var(--warm); }
+tr.met td { background: #e8f5ec; } tr.unmet td { background: #fbe9e4; }
+tr.met td:last-child { color: #1b7a3d; } tr.unmet td:last-child { color: #b3261e; }
 .range { position: relative; height: 1.1rem; min-width: 9rem; }
 .range i { position: absolute; }
 .range .rail { left: 0; right: 0; top: .5rem; height: 3px; background: var(--line);
@@ -111,10 +113,19 @@ def bullets(items: Sequence[str], css: str = "") -> str:
     return f'<ul class="{css}">\n{lines}</ul>\n'
 
 
-def table(lines: Sequence[Sequence[str]]) -> str:
-    """Return header and rows as a table that scrolls sideways where the screen is narrow."""
+def table(lines: Sequence[Sequence[str]], css: Sequence[str] = ()) -> str:
+    """Return header and rows as a table that scrolls sideways where the screen is narrow.
+
+    Args:
+        lines: Header and rows.
+        css: A class for each row; empty: none has one.
+    """
     head = "".join(f"<th>{cell}</th>" for cell in lines[0])
-    body = "".join(f"<tr>{''.join(f'<td>{c}</td>' for c in row)}</tr>\n" for row in lines[1:])
+    marks = [f' class="{name}"' if name else "" for name in css] or [""] * len(lines[1:])
+    body = "".join(
+        f"<tr{mark}>{''.join(f'<td>{c}</td>' for c in row)}</tr>\n"
+        for mark, row in zip(marks, lines[1:], strict=True)
+    )
     return (
         f'<div class="scroll"><table>\n<thead><tr>{head}</tr></thead>\n'
         f"<tbody>\n{body}</tbody>\n</table></div>\n"

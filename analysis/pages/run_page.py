@@ -17,6 +17,7 @@ from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import METRICS, unit_label
 from zoac.analysis.pages import html
 from zoac.analysis.pages.formatting import NOTHING, estimate, number, without_empty_columns
+from zoac.analysis.pages.requirements import requirements
 from zoac.analysis.statistics.stats import Scores, paired_difference
 from zoac.analysis.trajectories import Loop, draw_panel
 from zoac.core.errors import RunFolderError
@@ -50,6 +51,7 @@ def details(
         html.paragraph(_verdict(run, reference)),
         html.bullets([escape(told) for told in run.outcome.get("warnings", [])], css="warning"),
         _tiles(run),
+        requirements(run),
         html.subtitle("Parameters"),
         _parameters(run),
         html.subtitle("Learning curve"),

@@ -49,3 +49,10 @@ def tuned(**options):
         "objective": zoac.specs.peak("u"), "episodes": 3, "final_episodes": 4, "quiet": True,
     }  # fmt: skip
     return zoac.tune(**{**given, **options})
+
+
+class Short(FirstOrder):
+    """The same, but every episode ends early."""
+
+    def __init__(self):
+        super().__init__(ends_after=7)

@@ -2,6 +2,7 @@
 
 import json
 import math
+import signal
 
 import cloudpickle
 import numpy as np
@@ -15,6 +16,7 @@ from zoac.rollout.constraints import FeasibilityFirst
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.outcomes import Outcomes
 from zoac.tasks.user_task import user_task
+from zoac.training.trainer import Trainer
 
 ERROR = zoac.specs.steady_state_error("y", "r", max=0.2)
 
@@ -171,6 +173,29 @@ def test_processes_give_the_same_bits(result):
     assert other.parameters == result.parameters
     assert other.cost_per_episode == result.cost_per_episode
     assert other.specs.equals(result.specs)
+
+
+def test_a_run_that_was_stopped_goes_on_to_the_same_bits(result, tmp_path, monkeypatch):
+    learn, iterations = Trainer._learn, iter(range(100))
+
+    def press(self, segments):
+        if next(iterations) == 4:
+            signal.raise_signal(signal.SIGINT)
+        learn(self, segments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Trainer, "_learn", press)
+        with pytest.raises(zoac.Interrupted) as stop:
+            tuned(folder=tmp_path)
+    so_far = stop.value.result
+    assert so_far.specs["spec"].tolist() == result.specs["spec"].tolist()
+    assert so_far.specs["baseline"].isna().all()
+    again = tuned(folder=tmp_path)
+    assert again.parameters == result.parameters
+    assert again.cost_per_episode == result.cost_per_episode
+    assert again.specs.equals(result.specs)
+    written = [(folder / "responses.csv").read_bytes() for folder in (tmp_path, result.folder)]
+    assert written[0] == written[1]
 
 
 def test_a_run_of_other_specs_is_another_run(result):

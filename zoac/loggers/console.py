@@ -8,6 +8,8 @@ import time
 from collections.abc import Mapping
 from typing import Any, TextIO
 
+from zoac.specs.verdict import lines, restored
+
 
 class Console:
     """One line per evaluation, and on a terminal a line that moves in between."""
@@ -67,6 +69,8 @@ class Console:
             self._print(
                 f"  cost {result['cost_mean']:.4g}, baseline values {start:.4g} on {episodes}"
             )
+        for line in lines([restored(row) for row in result.get("specs", [])]):
+            self._print(f"  {line}")
         if result.get("failures"):
             self._print(f"  failures: {result['failures']}, the first: {result['first_failure']}")
         for sentence in result["warnings"]:

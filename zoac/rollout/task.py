@@ -15,6 +15,7 @@ from zoac.core.parameters import ParameterSpace
 from zoac.core.segments import Segment
 from zoac.envs.base import VecEnv
 from zoac.rollout import probe
+from zoac.rollout.traces import signal_traces
 from zoac.specs.signals import Signal
 from zoac.specs.spec import Spec
 
@@ -91,10 +92,13 @@ class Task(ABC):
         return action
 
     def traces(self, segment: Segment) -> list[Trace]:
-        """Return what figures show of a segment; by default every observation, action and cost.
+        """Return what figures show of a segment: its signals, if they have names.
 
-        Every segment must give the same traces, in the same order.
+        By default every observation, action and cost. Every segment must give the same traces, in
+        the same order.
         """
+        if self.signals:
+            return signal_traces(segment, self.signals, self.sample_time, self.specs)
         steps = np.arange(segment.length + 1)
         shown = [(f"Observation {i}", column) for i, column in enumerate(segment.observations.T)]
         shown += [(f"Action {i}", column) for i, column in enumerate(segment.actions.T)]

@@ -14,7 +14,8 @@ from typing import Any
 
 from zoac.core.errors import RunFolderError
 from zoac.loggers.base import Logger
-from zoac.runs import checkpoint, schema
+from zoac.runs import checkpoint, responses, schema
+from zoac.specs.signals import Episode
 
 
 class RunLog:
@@ -52,6 +53,11 @@ class RunLog:
             while line:
                 line = line[self._file.write(line) :]
         self._forward("row", row)
+
+    def responses(self, episodes: Mapping[str, Episode]) -> None:
+        """Write `responses.csv`; see `zoac.runs.responses.content`."""
+        with _writing(self.folder / schema.RESPONSES):
+            schema.write_atomically(self.folder / schema.RESPONSES, responses.content(episodes))
 
     def finish(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
         """Write `result.json`, which marks the run as done; return its content."""

@@ -15,7 +15,7 @@ from zoac.config.validate import TARGET
 from zoac.core.errors import RunFolderError
 from zoac.core.state import pickled
 from zoac.rollout.task import Task
-from zoac.runs import schema
+from zoac.runs import responses, schema
 from zoac.runs.export import TunedController, export
 from zoac.runs.foreign_code import foreign_code
 from zoac.specs import verdict
@@ -23,6 +23,7 @@ from zoac.specs.verdict import OF_A_SPEC
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 
 def task_from_config(config: Mapping[str, Any]) -> Task:
@@ -85,6 +86,32 @@ class Result:
         by_constraint = self.record.get("violations_by_constraint", {})
         broken = any(found["episodes"] for found in by_constraint.values())
         return not (unmet or broken) and all(map(math.isfinite, self.cost_per_episode))
+
+    @property
+    def responses(self) -> pd.DataFrame:
+        """The signals of the first final episode, with the baseline values and the answer.
+
+        Returns:
+            Columns `parameters` ("baseline" or "tuned"), `time` [s] and one per signal.
+
+        Raises:
+            RunFolderError: If the task has no signals.
+        """
+        return responses.read(self.folder)
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Return a figure of the signals over seconds, before and after, with limits drawn in.
+
+        Args:
+            path: Where to save it as well: `.png`, `.svg`, `.pdf`.
+
+        Raises:
+            RunFolderError: If the task has no signals.
+        """
+        figure = responses.plot(self.folder, self.record)
+        if path is not None:
+            figure.savefig(path)
+        return figure
 
     def __repr__(self) -> str:
         """Return some lines for a terminal: cost, parameters and specs, before and after."""

@@ -3,6 +3,7 @@
 A run folder `<runs_dir>/<task>/<tuner>/seed=<s>[/variant=<name>]` holds
     run.json        identity, resolved config and its hash, versions, machine; written first
     metrics.jsonl   one JSON object a line, `kind` "train" or "eval"; append-only
+    responses.csv   signals of a final episode, for tasks that name them; see `zoac.runs.responses`
     checkpoint/     see `zoac.runs.checkpoint`
     result.json     the outcome; written last, atomically: a run is done when it exists
 JSON has no word for what is not finite: such a number is written as null. In rows, and for costs
@@ -27,6 +28,7 @@ from zoac.core.errors import RunFolderError
 
 FORMAT = 1
 RUN, METRICS, RESULT = "run.json", "metrics.jsonl", "result.json"
+RESPONSES = "responses.csv"
 CHECKPOINTS = "checkpoint"
 TASK = "task.pkl"
 """The task of a run that was not started from a YAML file."""

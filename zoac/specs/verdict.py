@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from zoac.core.segments import Segment
+from zoac.specs import guides
 from zoac.specs.spec import Spec
 
 COLUMNS = ("spec", "limit", "baseline", "value", "met")
@@ -51,6 +52,7 @@ def rows(
             **after[spec.label],
             "bad_side": "low" if spec.worst < 0 else "high",
             "has_baseline": bool(old),
+            **guides.plain(spec),
         })  # fmt: skip
     return found
 

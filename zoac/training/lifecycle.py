@@ -229,12 +229,16 @@ def _empty(folder: Path) -> None:
         # run.json goes last, so that leftovers are never attributed to another run.
         if (folder / schema.CHECKPOINTS).exists():
             shutil.rmtree(folder / schema.CHECKPOINTS)
-        for name in (schema.RESULT, schema.METRICS, schema.TASK, schema.RUN):
+        for name in PARTS:
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise RunFolderError(
             f"{folder}: resume=overwrite cannot delete {error.filename}: {error.strerror}"
         ) from None
+
+
+PARTS = (schema.RESULT, schema.RESPONSES, schema.METRICS, schema.TASK, schema.RUN)
+"""Files of a run, in the order in which they are deleted."""
 
 
 @contextmanager
@@ -273,6 +277,14 @@ def _stop_on_signal() -> Iterator[Any]:
             signal.signal(number, handler)
 
 
+def _signals(task: Task) -> dict[str, Any]:
+    """Return what a task calls the numbers of an episode; {} if it has no names for them."""
+    if not task.signals:
+        return {}
+    units = {name: signal.unit for name, signal in task.signals.items()}
+    return {"signals": {"sample_time": task.sample_time, "units": units}}
+
+
 def _run_record(run: Run) -> dict[str, Any]:
     """Return the content of `run.json`."""
     baseline = run.task.baseline
@@ -291,6 +303,7 @@ def _run_record(run: Run) -> dict[str, Any]:
         },
         "parameters": [asdict(p) for p in run.task.space.parameters],
         "fixed": dict(run.task.fixed),
+        **_signals(run.task),
         "nominal": None if baseline is None else dict(baseline),
         **provenance.here_and_now(),
     }

@@ -28,6 +28,7 @@ from zoac.rollout.task import Task
 from zoac.runs.checkpoint import fitting, unfit
 from zoac.runs.log import RunLog
 from zoac.specs import verdict
+from zoac.specs.signals import Episode
 from zoac.training.answer_checks import warnings
 
 
@@ -80,6 +81,7 @@ class Trainer:
         self._stop_requested = stop_requested
         self._envs_unsaved = False  # environments cannot be saved, which was printed
         self._constraints = FeasibilityFirst(task.constraints, task.specs)
+        self._responses: dict[str, Segment] = {}  # first final episodes
         self._last_finite = np.zeros(task.space.dimension)  # recommendation
         self.progress = Progress()
         self._wall_start = self._last_checkpoint = time.perf_counter()
@@ -152,6 +154,8 @@ class Trainer:
         x = self._recommended()
         segments = self._rolled_out(x, episodes)
         row = self._row(segments, self._task.metrics)
+        if final:
+            self._responses["tuned"] = segments[0]
         row |= self._account(segments)
         row = {**row, "parameters": self._task.space.named(x), "x": x.tolist(), "final": final}
         self._log.row("eval", self._stamp(compute_seconds=self._compute_seconds()), row)
@@ -203,6 +207,13 @@ class Trainer:
         del final["final"]
         final.pop("first_failure", None)
         start = self._start()
+        if self._task.signals:
+            sample_time = self._task.sample_time or 1.0
+            self._log.responses({
+                which: Episode.of(self._responses[which], self._task.signals, sample_time)
+                for which in ("baseline", "tuned")
+                if which in self._responses
+            })  # fmt: skip
         progress = asdict(self.progress)
         result = {
             "env_steps": progress["env_steps"],
@@ -228,6 +239,7 @@ class Trainer:
         x = self._task.space.normalise(self._task.baseline)
         segments = self._rolled_out(x, self._settings.evaluation.final_episodes)
         row = self._row(segments)
+        self._responses["baseline"] = segments[0]
         return {"baseline_cost_mean": row["cost_mean"], "baseline": row}
 
     def _verdict(self, after: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:

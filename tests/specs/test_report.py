@@ -1,0 +1,53 @@
+"""The report has a green or red row per spec, and the response, without loading a user's code."""
+
+import re
+
+import pytest
+
+import zoac
+from tests.specs.loops_to_tune import tuned
+from zoac.analysis import report
+from zoac.analysis.data.load import load
+from zoac.runs import schema
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs")
+    met = zoac.specs.steady_state_error("y", "r", max=0.2)
+    unmet = zoac.specs.settling_time("y", "r", band=0.01, max=0.5)
+    tuned(budget=800, specs=[met, unmet], folder=folder / "run")
+    return load(folder)
+
+
+def page_of(runs):
+    return report.report(runs, [runs.finished[0].method.task], replay=False)
+
+
+def test_each_spec_has_a_row_with_values_before_and_after_and_its_colour(runs):
+    (run,) = runs.finished
+    rows = re.findall(r"<tr( class=\"\w+\")?><td>(\w+)\(([^<]*)\)</td>(.*?)</tr>", page_of(runs))
+    told = {name: (css, cells) for css, name, _, cells in rows}
+    before, after = (f"{run.outcome['specs'][0][key]:.4g}" for key in ("baseline", "value"))
+    assert told["steady_state_error"][0] == ' class="met"'
+    assert f"<td>&lt;= 0.2</td><td>{before}</td><td>{after}</td>" in told["steady_state_error"][1]
+    assert told["settling_time"][0] == ' class="unmet"'
+    assert "<td>inf</td><td>inf</td><td>not met</td>" in told["settling_time"][1]
+    assert told["peak"][0] == ""
+
+
+def test_the_response_is_drawn_from_the_folder_alone(runs):
+    (run,) = runs.finished
+    assert "<h3>Response</h3>" in page_of(runs)
+    (run.folder / schema.TASK).unlink()
+    assert "<h3>Response</h3>" in page_of(runs)
+    (run.folder / schema.RESPONSES).rename(run.folder / "elsewhere")
+    assert "<h3>Response</h3>" not in page_of(runs)
+
+
+def test_names_from_a_folder_cannot_write_html(runs):
+    (run,) = runs.finished
+    run.outcome["specs"][0]["spec"] = "<script>alert(1)</script>"
+    page = page_of(runs)
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page

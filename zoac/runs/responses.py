@@ -1,0 +1,139 @@
+"""`responses.csv`: the signals of the first final episode, with the baseline values and the answer;
+and their figure.
+
+One row a sample: `parameters` ("baseline" or "tuned"), `time`, and a column per signal. Of m loops
+side by side a signal has m columns, `y 1` to `y m`.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zoac.core.errors import RunFolderError
+from zoac.runs import schema
+from zoac.specs import guides
+from zoac.specs.signals import Episode
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+KEYS = ("parameters", "time")
+LOOKS = {"baseline": ("Before", "#d9a07c"), "tuned": ("After", "#0072b2")}
+"""Label and colour by what the column `parameters` says."""
+INK, GREY = "#222222", "#8a8a8a"
+WIDTH, HEIGHT = 6.0, 1.9
+"""Of the figure, and of each signal's axes [in]."""
+
+
+def content(episodes: Mapping[str, Episode]) -> bytes:
+    """Return the file's content.
+
+    Args:
+        episodes: By "baseline" and "tuned", with the same signals.
+    """
+    text = io.StringIO(newline="")
+    table = csv.writer(text, lineterminator="\n")
+    for k, (which, episode) in enumerate(episodes.items()):
+        columns = _columns(episode)
+        if k == 0:
+            table.writerow([*KEYS, *columns])
+        for row in zip(episode.time.tolist(), *columns.values(), strict=True):
+            table.writerow([which, *row])
+    return text.getvalue().encode()
+
+
+def _columns(episode: Episode) -> dict[str, list[float]]:
+    columns: dict[str, list[float]] = {}
+    for name, samples in episode.values.items():
+        if samples.ndim == 1:
+            columns[name] = samples.tolist()
+        else:
+            several = enumerate(np.transpose(samples), start=1)
+            columns |= {f"{name} {j}": column.tolist() for j, column in several}
+    return columns
+
+
+def read(folder: Path) -> pd.DataFrame:
+    """Return the table of a run folder.
+
+    Raises:
+        RunFolderError: If there is none, or it is damaged.
+    """
+    import pandas as pd
+
+    path = folder / schema.RESPONSES
+    if not path.is_file():
+        raise RunFolderError(
+            f"{folder}: there is no {schema.RESPONSES}, which holds the signals of an episode; "
+            "give the task signals, such as signals={'y': zoac.observation(0)}"
+        )
+    try:
+        table = pd.read_csv(path, float_precision="round_trip")
+    except (OSError, ValueError) as error:
+        raise RunFolderError(f"{path}: cannot be read ({error})") from None
+    if tuple(table.columns[:2]) != KEYS:
+        raise RunFolderError(f"{path}: expected the columns {', '.join(KEYS)} and signals")
+    return table
+
+
+def plot(folder: Path, record: Mapping[str, Any]) -> Figure:
+    """Return a figure with axes for each signal that is not the reference of another.
+
+    Args:
+        folder: The run folder.
+        record: The content of its `result.json`.
+
+    Raises:
+        RunFolderError: If the run has no signals.
+    """
+    from matplotlib.figure import Figure
+
+    table, signals = read(folder), schema.read_run(folder).get("signals", {})
+    specs = record.get("specs", [])
+    named = guides.references(specs)
+    shown = [name for name in table.columns[2:] if name not in named.values()]
+    height = HEIGHT * len(shown) + 0.5
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, name in zip(panels, shown, strict=True):
+        draw(axes, table, name, specs)
+        unit = signals.get("units", {}).get(name, "")
+        axes.set_ylabel(f"{name} [{unit}]" if unit else name)
+    panels[-1].set_xlabel("Time [s]" if signals.get("sample_time") else "Step")
+    handles: dict[str, Any] = {}
+    for axes in panels:
+        lines, labels = axes.get_legend_handles_labels()
+        handles |= dict(zip(labels, lines, strict=True))
+    figure.legend(
+        list(handles.values()), list(handles), loc="outside upper center", ncols=4, frameon=False
+    )
+    return figure
+
+
+def draw(axes: Axes, table: pd.DataFrame, name: str, specs: Sequence[Mapping[str, Any]]) -> None:
+    """Draw one signal of `responses.csv`, its reference and its limits."""
+    reference = guides.references(specs).get(name)
+    parts = list(table.groupby("parameters", sort=False))
+    _, last = parts[-1]
+    if reference in last.columns:
+        axes.plot(last["time"], last[reference], color=GREY, lw=2.4, alpha=0.5, label="Reference")
+    for which, part in parts:
+        label, colour = LOOKS[str(which)]
+        axes.plot(part["time"], part[name], color=colour, lw=1.3, label=label)
+    values = {column: last[column].to_numpy() for column in last.columns[2:]}
+    for limit in guides.limits(specs, name, last["time"].to_numpy(), values):
+        axes.plot(
+            [limit.since, limit.until], [limit.level] * 2, color=INK, lw=0.8, ls=(0, (6, 3)),
+            label="Limit",
+        )  # fmt: skip
+    axes.margins(x=0.01)
+    axes.grid(color="#e4e4e4", lw=0.5)
+    axes.set_axisbelow(True)
