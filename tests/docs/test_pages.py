@@ -1,6 +1,8 @@
 """Every Python block of every page runs, in the order of the page; the site builds strictly."""
 
 import importlib.util
+import json
+import os
 import re
 import shlex
 import subprocess
@@ -31,7 +33,13 @@ def blocks(page, language):
 def test_its_python_runs(page, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     tune = zoac.tune
-    monkeypatch.setattr(zoac, "tune", lambda **options: tune(**{**options, **QUICK}))
+    monkeypatch.setattr(
+        zoac,
+        "tune",
+        lambda **options: tune(**options if "cost" in options else {**options, **QUICK}),
+    )
+    for text in blocks(page, "py"):  # files, called as their first line says
+        Path(text.partition("\n")[0].removeprefix("# ")).write_text(text)
     write_run(tmp_path / "runs")  # for pages that read what is there
     names = {"__name__": "__main__"}
     for number, text in enumerate(blocks(page, "python")):
@@ -47,6 +55,27 @@ def test_the_modules_and_files_that_its_commands_name_exist(page):
                 assert importlib.util.find_spec(words[2]), line
             elif words[:1] == ["python"]:
                 assert (ROOT / words[1]).is_file(), line
+
+
+def test_the_shell_script_at_the_rig_runs(tmp_path):
+    (tmp_path / "space.yaml").write_text(*blocks("rig.md", "yaml"))
+    experiment = tmp_path / "experiment"
+    experiment.write_text("#!/bin/sh\ngrep -q '\"number\": 2' && exit 7\necho 3.5\n")
+    experiment.chmod(0o755)
+    python = f'python() {{ "{sys.executable}" "$@"; }}\n'
+    (script,) = blocks("rig.md", "sh")
+    assert len(script.splitlines()) < 40
+    script = python + script.replace("60", "3")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(["sh", "-c", script], cwd=tmp_path, env=environment,
+                          capture_output=True, text=True)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    *_, best, exported = map(json.loads, done.stdout.splitlines())
+    assert (best["number"], best["cost"]) == (1, 3.5)
+    assert exported == {"file": "gains.h"}
+    assert "/* N/m */" in (tmp_path / "gains.h").read_text()
+    states = [trial.reason for trial in zoac.Study(folder=tmp_path / "bench").trials]
+    assert states == [None, "exit status 7", None]
 
 
 def test_the_yaml_of_the_guide_is_the_examples():

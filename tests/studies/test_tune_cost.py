@@ -50,6 +50,9 @@ def test_few_experiments_of_few_parameters_are_bayesian_optimisation():
     assert result.cost_mean < 1.0
     assert result.parameters["ts"] == 0.1
     assert tune(Counted(), experiments=25, workers=2).record["tuner"] == "cmaes"
+    of_one = tune(lambda p: p["kp"], space={"kp": (0, 1)}, baseline=None, workers=2)
+    assert of_one.record["tuner"] == "nevergrad"
+    assert of_one.cost_mean < 0.1
 
 
 def test_a_dict_of_cost_metrics_and_constraints(tmp_path):

@@ -160,7 +160,9 @@ def _tuner(name: str, dimension: int, experiments: int, workers: int) -> str:
     """Return the name of a tuner's configuration that a study can use."""
     if name == "auto":
         few = experiments <= BO_EXPERIMENTS and dimension <= BO_DIMENSION
-        return "bo" if few and workers == 1 else "cmaes"
+        if few and workers == 1:
+            return "bo"
+        return "cmaes" if dimension > 1 else "nevergrad"  # CMA-ES needs two
     if name in ("zoac", "zoac_plus"):
         raise ConfigError(
             f"tuner={name!r} learns from single steps of an episode, and a study has costs of "
