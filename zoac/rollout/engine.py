@@ -11,20 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zoac.controllers.live_controller import LiveController, state_of
-from zoac.core.errors import ControllerError, EnvironmentFailure, UnsavableError, ZoacError, suggest
+from zoac.core.errors import EnvironmentFailure, UnsavableError, ZoacError
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
-from zoac.core.state import OwnObject
 from zoac.rollout.buffer import Recording
+from zoac.rollout.controllers import Controllers
 from zoac.specs.judge import Judge
 
 if TYPE_CHECKING:
     from zoac.rollout.task import Task
-
-
-_Answer = tuple[np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]
-"""Actions (n, m), memory and diagnostics, as `Controller.act` returns them."""
 
 
 @dataclass(slots=True)
@@ -55,29 +50,27 @@ class RolloutEngine:
         self.n = len(env_indices)
         self._space = task.space
         self._env = task.make_env(self.n)
-        self._controller = task.make_controller()
         self._row_of = {env_index: row for row, env_index in enumerate(env_indices)}
-        self._env_indices = tuple(env_indices)
-        self._seeds = tuple(seeds)
+        self._env_indices, self._seeds = tuple(env_indices), tuple(seeds)
         self._first_seeds: list[int | None] = list(seeds)
         self._restarts = np.zeros(self.n, dtype=np.int64)
         self._task = task
         self._told = False  # that an environment could not be copied
-        self._action_shape = tuple(self._env.single_action_space.shape or ())
         self._observations = np.zeros((self.n, *(self._env.single_observation_space.shape or ())))
-        self._initial_memory = _copied(self._controller.init(self.n))
-        self._memory = _copied(self._initial_memory)
         self._needs_reset = np.ones(self.n, dtype=bool)
         self._steps = np.zeros(self.n, dtype=np.int64)  # since the start of the episode
         self._penalty = task.failure_penalty
         limit = self._env.max_episode_steps
         self._judge = Judge(task.specs, task.signals, task.sample_time, limit, self._named)
-        self._parameter_names = (*self._space.names, *task.fixed)
         self._failures: dict[int, str] = {}  # why environments fail at this step
         self._not_begun: dict[int, str] = {}  # why environments could not begin their episode
         # One contiguous row of n values per parameter.
         self._values = np.zeros((len(self._space.names), self.n))
         self._parameters = dict(zip(self._space.names, self._values, strict=True))
+        self._action_shape = tuple(self._env.single_action_space.shape or ())
+        self._controllers = Controllers(
+            task, self.n, self._action_shape, self._parameters, self._place, self._priced
+        )
 
     def rollout(self, proposals: Sequence[Proposal]) -> list[Segment]:
         """Run all proposals; return their segments in the same order.
@@ -136,7 +129,7 @@ class RolloutEngine:
                 segments[run.index] = self._judge.judged(segment)
                 self._needs_reset[env_index] = ended or cut
                 if ended or cut:
-                    self._begin_controller(env_index)
+                    self._controllers.begin(env_index)
                 if run.resume is not None:
                     self._restore_env(env_index, run.resume)
                 elif proposals[run.index].seed is not None:
@@ -154,7 +147,9 @@ class RolloutEngine:
         self._failures, self._not_begun = self._not_begun, {}
         moves = active.copy()
         moves[list(self._failures)] = False
-        commands, diagnostics = self._act(np.flatnonzero(moves))
+        commands, diagnostics = self._controllers.act(
+            np.flatnonzero(moves), self._observations, self._failures
+        )
         before = self._observations
         self._observations, _, terminated, truncated, infos = self._env.step(
             commands, None if moves.all() else moves
@@ -229,97 +224,12 @@ class RolloutEngine:
             self._begin_anew(env_index)
         self._observations = self._observations.copy()
         self._observations[env_index] = observations[env_index]
-        self._set_memory(env_index, {k: v[env_index] for k, v in self._initial_memory.items()})
-        self._begin_controller(env_index)
+        self._controllers.reset(env_index)
         self._needs_reset[env_index] = env_index in self._not_begun
-
-    def _live(self, env_index: int) -> dict[str, LiveController]:
-        """Return the controller objects that change in place, by the memory's name."""
-        rows = {name: value[env_index] for name, value in self._initial_memory.items()}
-        return {name: row for name, row in rows.items() if isinstance(row, LiveController)}
-
-    def _begin_controller(self, env_index: int) -> None:
-        """Have a controller object that changes in place begin an episode; see `LiveController`."""
-        for live in self._live(env_index).values():
-            live.begin()
-
-    def _set_memory(self, env_index: int, row: Mapping[str, np.ndarray]) -> None:
-        self._memory = _copied(self._memory)
-        for name, value in row.items():
-            self._memory[name][env_index] = value
-
-    def _act(self, rows: np.ndarray) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
-        """Return actions (n, m) and diagnostics; those of environments not in `rows` are zero."""
-        if not len(rows):
-            return np.zeros((self.n, *self._action_shape)), {}
-        some, memory, diagnostics = self._call(rows)
-        if len(rows) == self.n:
-            self._memory = dict(memory)
-            return some, diagnostics
-        self._memory = _copied(self._memory)
-        for name, values in memory.items():
-            self._memory[name][rows] = values
-        actions = _scatter(some, rows, self.n)
-        return actions, {name: _scatter(v, rows, self.n) for name, v in diagnostics.items()}
-
-    def _call(self, rows: np.ndarray) -> _Answer:
-        """Ask the controller; with a penalty, one that fails acts with zero."""
-        # Asking one environment at a time shows which one fails; only a controller without
-        # objects that remember may be asked twice.
-        if len(rows) == 1 or not self._live(0):
-            try:
-                return self._checked_call(rows)
-            except ControllerError as error:
-                raised, told = error.__cause__ is not None, str(error)
-                if not raised or len(rows) == 1:
-                    told = self._priced(error, told)
-                if len(rows) == 1:
-                    self._failures[int(rows[0])] = told
-                    return np.zeros((1, *self._action_shape)), _taken(self._memory, rows), {}
-        return _joined([self._call(rows[k : k + 1]) for k in range(len(rows))])
-
-    def _checked_call(self, rows: np.ndarray) -> _Answer:
-        """Ask the controller, and check that its actions can be used."""
-        parameters, observations = self._parameters, self._observations
-        memory: Mapping[str, np.ndarray] = self._memory
-        if len(rows) < self.n:
-            parameters, memory = _taken(parameters, rows), _taken(memory, rows)
-            observations = observations[rows]
-        try:
-            actions, memory, diagnostics = self._controller.act(parameters, observations, memory)
-        except ZoacError:
-            raise
-        except Exception as error:
-            raise ControllerError(
-                f"the controller raised {type(error).__name__}: {error}{self._nearest(error)}. "
-                f"{self._place(rows[0])}"
-            ) from error
-        actions = np.asarray(actions, dtype=np.float64)
-        expected = (len(rows), *self._action_shape)
-        if actions.shape != expected:
-            raise ControllerError(
-                f"the controller returned actions of shape {actions.shape}, expected {expected} "
-                f"(environments, action size). {self._place(rows[0])}"
-            )
-        finite = np.isfinite(actions)
-        if not finite.all():
-            row = int(np.flatnonzero(~finite.reshape(len(rows), -1).all(axis=1))[0])
-            raise ControllerError(
-                f"the controller returned the action {actions[row].tolist()}; every number must "
-                f"be finite. {self._place(rows[row])}"
-            )
-        return actions, memory, diagnostics
 
     def _named(self, x: np.ndarray) -> dict[str, Any]:
         """Return all parameters, by name, of mapped ones (d,)."""
         return {**self._space.named(x), **self._task.fixed}
-
-    def _nearest(self, error: Exception) -> str:
-        """Return which parameters there are, if a controller asked for one that there is not."""
-        name = error.args[0] if isinstance(error, KeyError) and error.args else None
-        if not isinstance(name, str) or name in self._parameter_names:
-            return ""
-        return f" (no parameter has this name; {suggest(name, self._parameter_names)})"
 
     def _place(self, env_index: int) -> str:
         """Say for an error message where an environment stands."""
@@ -349,7 +259,7 @@ class RolloutEngine:
         return {
             "env": self._env.state([env_index]),
             "observation": self._observations[env_index].copy(),
-            "memory": {name: state_of(rows[env_index]) for name, rows in self._memory.items()},
+            "memory": self._controllers.snapshot(env_index),
             "steps": int(self._steps[env_index]),
             "needs_reset": bool(self._needs_reset[env_index]),
             "first_seed": self._first_seeds[env_index],
@@ -360,15 +270,7 @@ class RolloutEngine:
         self._env.restore([env_index], snapshot["env"])
         self._observations = self._observations.copy()
         self._observations[env_index] = snapshot["observation"]
-        row = dict(snapshot["memory"])
-        live = self._live(env_index)
-        for name, value in row.items():
-            if name in live:
-                live[name].restore(value)
-                row[name] = live[name]
-            elif isinstance(value, OwnObject):
-                row[name] = value.value
-        self._set_memory(env_index, row)
+        self._controllers.restore(env_index, snapshot["memory"])
         self._steps[env_index] = snapshot["steps"]
         self._needs_reset[env_index] = snapshot["needs_reset"]
         self._first_seeds[env_index] = snapshot["first_seed"]
@@ -396,30 +298,3 @@ class RolloutEngine:
 
 
 REMEDY = "With failure_penalty=<cost>, such a step ends its episode at that cost instead of the run"
-
-
-def _joined(parts: Sequence[_Answer]) -> _Answer:
-    """Return what environments answered one by one; diagnostics are zero where one failed."""
-    actions = np.concatenate([a for a, _, _ in parts])
-    memory = {name: np.concatenate([m[name] for _, m, _ in parts]) for name in parts[0][1]}
-    examples = {name: np.asarray(value) for _, _, d in parts for name, value in d.items()}
-    diagnostics = {
-        name: np.concatenate([np.asarray(d.get(name, np.zeros_like(v))) for _, _, d in parts])
-        for name, v in examples.items()
-    }
-    return actions, memory, diagnostics
-
-
-def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return {name: np.array(value) for name, value in arrays.items()}
-
-
-def _taken(arrays: Mapping[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarray]:
-    return {name: value[rows] for name, value in arrays.items()}
-
-
-def _scatter(values: np.ndarray, rows: np.ndarray, n: int) -> np.ndarray:
-    values = np.asarray(values)
-    full = np.zeros((n, *values.shape[1:]), values.dtype)
-    full[rows] = values
-    return full
