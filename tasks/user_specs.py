@@ -15,12 +15,13 @@ from zoac import specs as requirements
 from zoac.config.named_code import locate_code
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.types import is_number
-from zoac.specs.signals import Signal, action, diagnostic, named, observation
+from zoac.specs.signals import Signal, action, diagnostic, info, named, observation
 from zoac.specs.spec import Spec
 
 SOURCES: dict[str, Callable[..., Signal]] = {
     "observation": observation,
     "action": action,
+    "info": info,
     "diagnostic": diagnostic,
 }
 """What a signal may be of in a YAML file: `{observation: 1, unit: m}`."""
@@ -33,7 +34,8 @@ def signals_of(given: Mapping[str, Any]) -> dict[str, Signal]:
 
     Args:
         given: By name: a `Signal`, a number, a function of a segment or its dotted path, or
-            `{observation: i}`, `{action: i}`, `{diagnostic: name}`, each with a `unit` if wanted.
+            `{observation: i}`, `{action: i}`, `{info: key}`, `{diagnostic: name}`, each with a
+            `unit` if wanted.
 
     Raises:
         ConfigError: If one is none of these.

@@ -116,6 +116,7 @@ class UserTask(Task):
             self._vary,
             make=self._one_env,
             objective=self._objective,
+            info=tuple(s.info for s in self.signals.values() if s.info is not None),
         )
 
     def _one_env(self) -> gymnasium.Env:

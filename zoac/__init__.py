@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from zoac.runs.result import Result as Result
     from zoac.runs.result import load_result as load_result
     from zoac.specs.signals import action as action
+    from zoac.specs.signals import info as info
     from zoac.specs.signals import observation as observation
     from zoac.studies.program import program as program
     from zoac.studies.study import Study as Study
@@ -60,6 +61,7 @@ _HOMES = {
     "Interrupted": "core.errors",
     "Result": "runs.result",
     "action": "specs.signals",
+    "info": "specs.signals",
     "load_result": "runs.result",
     "make_task": "api",
     "observation": "specs.signals",
@@ -68,7 +70,7 @@ _HOMES = {
     "tune": "api",
 }
 __all__ = [
-    "Interrupted", "Result", "Study", "action", "load_result", "make_task", "observation",
+    "Interrupted", "Result", "Study", "action", "info", "load_result", "make_task", "observation",
     "program", "specs", "tune",
 ]  # fmt: skip
 

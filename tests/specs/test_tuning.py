@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import signal
 
 import cloudpickle
@@ -10,11 +11,15 @@ import pytest
 
 import zoac
 from tests.specs.loops_to_tune import SIGNALS, FirstOrder, proportional, tuned
-from zoac.core.errors import ConfigError
+from zoac.config.compose import compose_config
+from zoac.config.files import choices
+from zoac.config.validate import locate
+from zoac.core.errors import ConfigError, EnvironmentContractError
 from zoac.core.segments import Proposal
 from zoac.rollout.constraints import FeasibilityFirst
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.outcomes import Outcomes
+from zoac.specs.judge import EPISODES_ONLY
 from zoac.tasks.user_task import user_task
 from zoac.training.trainer import Trainer
 
@@ -106,7 +111,8 @@ def test_a_result_fits_a_terminal_and_shows_specs_before_and_after(result):
     lines = repr(result).splitlines()
     assert len(lines) <= 6
     assert max(map(len, lines)) <= 80 or str(result.folder) in max(lines, key=len)
-    assert any("met    steady_state_error(y, r) <= 0.2" in line and "->" in line for line in lines)
+    (line,) = (line for line in lines if "steady_state_error(y, r) <= 0.2  " in line)
+    assert re.search(r"0.5\d* UNMET -> 0.19\d* met$", line)
 
 
 def test_a_broken_spec_is_told_in_table_and_warnings():
@@ -114,7 +120,8 @@ def test_a_broken_spec_is_told_in_table_and_warnings():
     found = tuned(specs=[hopeless], budget=400)
     assert not found.feasible
     assert found.specs["met"].tolist() == [False, None]
-    assert "UNMET  steady_state_error(y, r) <= 0.001" in repr(found)
+    (line,) = (s for s in repr(found).splitlines() if "steady_state_error(y, r) <= 0.001" in s)
+    assert line.count("UNMET") == 2
     said = [w for w in found.warnings if w.startswith("The spec steady_state_error(y, r) <= 0.001")]
     assert len(said) == 1
     assert "broken in 4 of 4 final episodes" in said[0]
@@ -260,3 +267,58 @@ def test_seconds_are_needed_where_a_spec_is_in_seconds():
         episodes([3.0], env=NoClock, specs=specs)
     (segment,) = episodes([30.0 / 4], env=NoClock, specs=[ERROR])  # needs none
     assert segment.spec_values[0] < 0.2
+
+
+class Told(FirstOrder):
+    """The same plant, which hides its output from the controller's observation by a bias."""
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return np.array([self.y + 0.5]), {"speed": self.y}
+
+    def step(self, action):
+        *_, terminated, truncated, _ = super().step(action)
+        return np.array([self.y + 0.5]), 0.0, terminated, truncated, {"speed": self.y}
+
+
+def test_a_signal_may_be_a_number_of_info_aligned_with_the_observations():
+    signals = {"y": zoac.info("speed", unit="rad/s"), "r": 1.0, "u": zoac.action(0)}
+    found = episodes([3.0, 8.0], env=Told, signals=signals, specs=[ERROR])
+    task = user_task(env=Told, controller=proportional, space={"k": (0.5, 12.0)}, signals=signals,
+                     max_episode_steps=40)  # fmt: skip
+    for segment in found:
+        y = task.signals["y"].samples(segment)
+        assert y == pytest.approx(segment.observations[:, 0] - 0.5, abs=1e-12)
+        assert segment.spec_values[0] == pytest.approx(np.mean(np.abs(1.0 - y[-4:])))
+
+
+def test_info_survives_a_restored_state():
+    signals = {"y": zoac.info("speed")}
+    task = user_task(env=Told, controller=proportional, space={"k": (0.5, 12.0)}, signals=signals,
+                     max_episode_steps=40)  # fmt: skip
+    assert task.save_fault is None
+    engine = RolloutEngine(task, [0], [0])
+    x = np.zeros(1)
+    engine.rollout([Proposal(x, 0, horizon=5)])
+    state = engine.state()
+    (one,) = engine.rollout([Proposal(x, 0, horizon=5)])
+    engine.restore(state)
+    (other,) = engine.rollout([Proposal(x, 0, horizon=5)])
+    assert (task.signals["y"].samples(one) == task.signals["y"].samples(other)).all()
+
+
+def test_info_that_is_not_there_is_named():
+    with pytest.raises(EnvironmentContractError, match=r"reset returned None as info\['speed'\]"):
+        episodes([3.0], signals={"y": zoac.info("speed")}, specs=[zoac.specs.peak("y", max=1.0)])
+
+
+def test_the_message_names_the_tuners_of_whole_episodes_and_no_other():
+    named = set(re.findall(r"\w+", EPISODES_ONLY.partition("these: ")[2])) - {"or"}
+    able = set()
+    for name in choices("tuner"):
+        target = compose_config([f"tuner={name}"]).tuner["_target_"]
+        if locate(target, "tuner").whole_episodes:
+            able.add(name)
+    assert named <= able
+    assert able - named == {"cmaes", "nominal"}
+    assert {"zoac", "zoac_plus"}.isdisjoint(able)

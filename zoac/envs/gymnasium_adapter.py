@@ -19,6 +19,7 @@ from zoac.core.errors import (
 )
 from zoac.core.seeding import stream
 from zoac.core.state import OwnObject
+from zoac.core.types import is_number
 from zoac.envs.base import VecEnv
 from zoac.envs.objective import Objective
 from zoac.envs.plant_numbers import Bounds, PlantNumbers
@@ -30,6 +31,7 @@ from zoac.envs.single_env import (
     flattened_remarks,
     own_time_limit,
 )
+from zoac.specs.signals import INFO, INFO_BEFORE
 
 MAX_EPISODE_STEPS = 10_000
 """Steps after which an episode that nothing limits is an error."""
@@ -46,6 +48,7 @@ class GymnasiumVecEnv(VecEnv):
         vary: Mapping[str, Bounds] | None = None,
         make: Callable[[], gymnasium.Env] | None = None,
         objective: str = "auto",
+        info: Sequence[str] = (),
     ) -> None:
         """
         Args:
@@ -57,6 +60,7 @@ class GymnasiumVecEnv(VecEnv):
             vary: Likewise, and the range (low, high) from which every episode draws uniformly.
             make: Makes an environment in place of one that raised; None: that one is reset.
             objective: Which signal is the cost; see `zoac.envs.objective.Objective`.
+            info: Keys of the environments' info whose numbers a step reports as `measured`.
 
         Raises:
             ConfigError: If its spaces are of a kind that cannot be tuned on, or it has no such
@@ -87,6 +91,7 @@ class GymnasiumVecEnv(VecEnv):
         self._envs = list(envs)
         self._taken = applied_action_space(first)
         self._make, self._objective = make, Objective(objective)
+        self._info = {key: np.zeros(len(envs)) for key in dict.fromkeys(info)}
         self._numbers = PlantNumbers(first, plant or {}, vary or {})
         for env in self._envs:
             self._numbers.put(env, self._numbers.fixed)
@@ -122,9 +127,10 @@ class GymnasiumVecEnv(VecEnv):
             try:
                 told = {"options": inner} if inner else {}
                 result = self._call(env_index, "reset", seed=short, **told)
-                observation, _ = _parts(result, "reset", ("observation", "info"))
+                observation, told_info = _parts(result, "reset", ("observation", "info"))
                 self._numbers.check(self._envs[env_index], numbers)
                 self._see(env_index, observation)
+                self._measure(env_index, told_info, "reset")
             except EnvironmentFailure as failure:
                 failures[env_index] = failure
         return self._seen.copy(), {"failures": failures}
@@ -145,6 +151,7 @@ class GymnasiumVecEnv(VecEnv):
         failures: dict[int, EnvironmentFailure] = {}
         cost, terminated, truncated = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
         applied = np.zeros_like(actions)
+        measured = {INFO_BEFORE + key: numbers.copy() for key, numbers in self._info.items()}
         for env_index in range(n) if mask is None else np.flatnonzero(mask).tolist():
             action = env_action(self._taken, actions[env_index])
             applied[env_index] = np.reshape(action, -1)
@@ -155,6 +162,7 @@ class GymnasiumVecEnv(VecEnv):
                     result, "step", _STEP
                 )
                 self._see(env_index, observation)
+                self._measure(env_index, info, "step")
                 cost[env_index] = self._objective.cost(reward, info, int(self._steps[env_index]))
             except EnvironmentFailure as failure:
                 failures[env_index], terminated[env_index] = failure, False
@@ -166,7 +174,8 @@ class GymnasiumVecEnv(VecEnv):
                     "environment needs a time limit: give max_episode_steps"
                 )
             truncated[env_index] = (cut or over_time) and not terminated[env_index]
-        infos = {"cost": cost, "failures": failures, "actions": applied}
+        measured |= {INFO + key: numbers.copy() for key, numbers in self._info.items()}
+        infos = {"cost": cost, "failures": failures, "actions": applied, "measured": measured}
         return self._seen.copy(), -cost, terminated, truncated, infos
 
     def _call(self, env_index: int, method: str, *arguments: Any, **options: Any) -> Any:
@@ -187,6 +196,21 @@ class GymnasiumVecEnv(VecEnv):
             raise EnvironmentFailure(
                 f"the environment's {method} raised {type(error).__name__}: {error}"
             ) from error
+
+    def _measure(self, env_index: int, info: Mapping[str, Any], method: str) -> None:
+        """Take the numbers of `info` that are signals.
+
+        Raises:
+            EnvironmentContractError: If one is not there, or is not one number.
+        """
+        for key, numbers in self._info.items():
+            value = info.get(key)
+            if not is_number(value):
+                raise EnvironmentContractError(
+                    f"the environment's {method} returned {value!r} as info[{key!r}], which is a "
+                    "signal; expected a number, from reset and from every step"
+                )
+            numbers[env_index] = value
 
     def _see(self, env_index: int, observation: Any) -> None:
         try:
@@ -216,6 +240,7 @@ class GymnasiumVecEnv(VecEnv):
             "draws": [copy.deepcopy(self._draws[row]) for row in rows],
             "seen": self._seen[env_indices].copy(),
             "steps": self._steps[env_indices].copy(),
+            "info": {key: numbers[env_indices].copy() for key, numbers in self._info.items()},
         }
 
     def restore(self, env_indices: Sequence[int] | np.ndarray, state: dict[str, Any]) -> np.ndarray:
@@ -227,6 +252,8 @@ class GymnasiumVecEnv(VecEnv):
             self._draws[env_index] = copy.deepcopy(draws)
         self._seen[env_indices] = state["seen"]
         self._steps[env_indices] = state["steps"]
+        for key, numbers in self._info.items():
+            numbers[env_indices] = state["info"][key]
         return self._seen.copy()
 
     def close(self, **kwargs: Any) -> None:

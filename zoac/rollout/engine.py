@@ -174,6 +174,7 @@ class RolloutEngine:
             terminated, truncated = terminated | failed, truncated & ~failed
             costs = np.where(failed, self._penalty, costs)
         actions = infos.get("actions", commands)
+        diagnostics = {**diagnostics, **infos.get("measured", {})}
         return actions, commands, costs, terminated, truncated, diagnostics
 
     def _priced(self, failure: ZoacError, told: str) -> str:

@@ -23,11 +23,13 @@ class Signal:
         read: Function of a segment that returns (T + 1,) samples, or (T,) of what is held over a
             step, whose last sample is then repeated. Of m loops side by side (T + 1, m) or (T, m).
         unit: For people to read.
+        info: The key of the environment's `info` that it is, if it is one.
     """
 
     label: str
     read: Callable[[Segment], Any]
     unit: str = ""
+    info: str | None = None
 
     def samples(self, segment: Segment) -> np.ndarray:
         """Return (T + 1,) samples, or (T + 1, m).
@@ -76,6 +78,20 @@ def action(index: int = 0, unit: str = "") -> Signal:
     return Signal(f"action({index})", partial(_action, index), unit)
 
 
+def info(key: str, unit: str = "") -> Signal:
+    """Return the signal of a number that the environment returns in `info`, by reset and step.
+
+    Args:
+        key: Its key in `info`.
+        unit: For people to read.
+    """
+    return Signal(f"info({key!r})", partial(_info, key), unit, key)
+
+
+INFO, INFO_BEFORE = "info:", "info before:"
+"""What the diagnostics of a segment call a number of `info` after and before each step."""
+
+
 def diagnostic(name: str, unit: str = "") -> Signal:
     """Return the signal of a number that the controller reports at each step.
 
@@ -106,6 +122,11 @@ def _action(index: int, segment: Segment) -> np.ndarray:
 
 def _diagnostic(name: str, segment: Segment) -> np.ndarray:
     return segment.diagnostics[name]
+
+
+def _info(key: str, segment: Segment) -> np.ndarray:
+    first = segment.diagnostics[INFO_BEFORE + key][:1]
+    return np.concatenate([first, segment.diagnostics[INFO + key]])
 
 
 def _constant(value: float, segment: Segment) -> np.ndarray:

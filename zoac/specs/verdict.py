@@ -71,19 +71,24 @@ def restored(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def lines(found: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a line for people per restored row: met or not, spec, limit, before and after."""
+    """Return a line for people per restored row: spec and limit, value before and after, met?"""
     names = [f"{row['spec']} {row['limit']}".rstrip() for row in found]
     width = min(MAX_NAME, max(map(len, names), default=0))
     told = []
     for row, name in zip(found, names, strict=True):
-        verdict = {True: "met", False: "UNMET", None: ""}[row["met"]]
-        value = f"{row['value']:.4g}"
+        values = _marked(row["value"], row["met"])
         if row["baseline"] is not None:
-            value = f"{row['baseline']:.4g} -> {value}"
+            values = f"{_marked(row['baseline'], row['baseline_met'])} -> {values}"
         shown = name if len(name) <= width else name[: width - 3] + "..."
-        told.append(f"{verdict:<5}  {shown:<{width}}  {value}")
+        told.append(f"{shown:<{width}}  {values}")
     return told
 
+
+def _marked(value: float, met: bool | None) -> str:
+    return f"{value:.4g}{MARKS[met]}"
+
+
+MARKS = {True: " met", False: " UNMET", None: ""}
 
 OF_A_SPEC = "The spec"
 """How the warning of a broken spec begins."""
