@@ -76,7 +76,7 @@ def read(folder: Path) -> pd.DataFrame:
             "give the task signals, such as signals={'y': zoac.observation(0)}"
         )
     try:
-        table = pd.read_csv(path, float_precision="round_trip")
+        table = pd.read_csv(path, engine="python")  # every digit counts, in any pandas
     except (OSError, ValueError) as error:
         raise RunFolderError(f"{path}: cannot be read ({error})") from None
     if tuple(table.columns[:2]) != KEYS:
