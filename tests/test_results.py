@@ -25,9 +25,10 @@ def test_table_2_rebuilds(tmp_path):
     same_bytes(tmp_path, RESULTS / "tables" / "mpc_tracking")
 
 
-def test_the_table_of_cruise_control_rebuilds(tmp_path):
-    assert table2.main([str(RESULTS), "--task", "pid_acc", "--out", str(tmp_path)]) == 0
-    same_bytes(tmp_path, RESULTS / "tables" / "pid_acc")
+@pytest.mark.parametrize("task", ["pid_acc", "pid_acc_code"])
+def test_the_tables_of_cruise_control_rebuild(tmp_path, task):
+    assert table2.main([str(RESULTS), "--task", task, "--out", str(tmp_path)]) == 0
+    same_bytes(tmp_path, RESULTS / "tables" / task)
 
 
 @pytest.mark.parametrize(
@@ -46,7 +47,7 @@ def test_the_tables_of_variants_rebuild(tmp_path, name):
     same_bytes(tmp_path, RESULTS / "tables" / name)
 
 
-@pytest.mark.parametrize("task", ["mpc_tracking", "pid_acc"])
+@pytest.mark.parametrize("task", ["mpc_tracking", "pid_acc", "pid_acc_code"])
 def test_learning_curves_rebuild(tmp_path, task):
     kept = FIGURES / task
     drawn_by = (FIGURES / "matplotlib.txt").read_text().strip()
@@ -73,3 +74,31 @@ def test_the_8_seeds_kept_in_full_are_the_first_of_the_40():
     runs = pd.read_csv(RESULTS / "runs.csv")
     few = runs[(runs.task == "pid_acc") & (runs.tuner == "zoac")].set_index("seed").cost_mean
     assert few.to_dict() == many.iloc[:8].to_dict()
+
+
+def report_of(costs, name):
+    """Return how the report says where runs end: the numbers, formatted as there."""
+    if name == "mpc_tracking":
+        return f"| code | {len(costs)} | {costs.mean():.1f} ± {costs.std():.1f} |"
+    converged = f"{(costs < 2.2).sum()} below 2.2"
+    return f"| {len(costs)} | {costs.min():.2f} to {costs.max():.2f} | {converged} |"
+
+
+@pytest.mark.parametrize(
+    ("task", "variant"),
+    [
+        ("mpc_tracking", "authors_code"),
+        ("pid_acc_code", "authors_code"),
+    ],
+)
+def test_runs_of_the_authors_code_end_where_the_report_says(task, variant):
+    runs = pd.read_csv(RESULTS / "authors_code" / "runs.csv")
+    chosen = runs[(runs.task == task) & (runs.variant == variant) & (runs.tuner == "zoac")]
+    report = (ROOT / "docs" / "reproduction.md").read_text()
+    assert sorted(chosen.seed) == list(range(len(chosen)))
+    assert report_of(chosen.cost_mean, task) in report
+
+
+def test_what_was_found_shows_the_rows_of_table_2():
+    table = (RESULTS / "tables" / "mpc_tracking" / "table2.md").read_text().split("\n\n")[2]
+    assert table in (ROOT / "docs" / "found.md").read_text()
