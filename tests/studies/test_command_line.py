@@ -79,8 +79,9 @@ def test_exit_statuses_tell_waiting_from_the_end_and_from_errors(rig, capsys):
         assert (status, printed) == (1, None)
         assert said.startswith("error: ")
         assert says in said
+    assert "needs a cost, a trace or the reason" in run(capsys, "tell", rig, "1")[2]
     with pytest.raises(SystemExit) as usage:
-        command(["tell", rig, "1"])
+        command(["tell", rig])
     assert usage.value.code == 2
 
 

@@ -148,8 +148,8 @@ def test_a_result_counts_once_and_another_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({}, "a cost or the reason of a failure, one of the two"),
-        ({"cost": 1.0, "failed": "no"}, "one of the two"),
+        ({}, "a cost, a trace or the reason of a failure"),
+        ({"cost": 1.0, "failed": "no"}, "one of them"),
         ({"cost": float("nan")}, "the cost is nan, expected a finite number"),
         ({"cost": "1.0"}, "the cost is '1.0', expected a number"),
         ({"cost": {"costs": 1.0}}, "unknown key 'costs'; did you mean 'cost'"),

@@ -8,20 +8,25 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omegaconf import OmegaConf
 
 from zoac.cli.study_dialogue import Dialogue
 from zoac.core.errors import ConfigError, StudyError, StudyFinished, TrialsPending, ZoacError
 from zoac.runs.schema import RUN, plain
+from zoac.specs.spec import Spec
+from zoac.specs.trace import from_plain
 from zoac.studies.carry_out import carry_out
 from zoac.studies.program import program
 from zoac.studies.study import Study
 from zoac.studies.trial import Trial
 
-ERROR, USAGE, WAITS, FINISHED, INTERRUPTED = 1, 2, 3, 4, 130
-"""Exit statuses beside 0."""
+if TYPE_CHECKING:
+    import pandas as pd
+
+ERROR, WAITS, FINISHED, INTERRUPTED = 1, 3, 4, 130
+"""Exit statuses beside 0, and 2 for a command line that cannot be read."""
 
 EXIT_STATUS = """\
 exit status:
@@ -79,20 +84,33 @@ def _create(options: argparse.Namespace) -> dict[str, Any]:
         baseline=None if options.baseline is None else _mapping(options.baseline),
         baseline_first=not options.no_baseline_first,
         constraints=_numbers(options.limit, "--limit"),
+        specs=_specs(options.specs),
         acceptance_test=options.acceptance_test,
         trial_timeout=options.trial_timeout,
     )
     return {"folder": str(study.folder), "tuner": study.settings.tuner}
 
 
-def _mapping(path: str) -> dict[str, Any]:
+def _yaml(path: str) -> Any:
     """Return what a YAML file holds."""
     try:
-        content = OmegaConf.to_container(OmegaConf.load(path))
+        return OmegaConf.to_container(OmegaConf.load(path))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
     except Exception as error:  # whatever a YAML reader raises
         raise ConfigError(f"{path}: cannot be read as YAML: {error}") from None
+
+
+def _specs(path: str | None) -> list[Spec]:
+    content = [] if path is None else _yaml(path)
+    if not isinstance(content, list):
+        raise ConfigError(f"{path}: expected a list of specs")
+    return [from_plain(entry) for entry in content]
+
+
+def _mapping(path: str) -> dict[str, Any]:
+    """Return what a YAML file has by name."""
+    content = _yaml(path)
     if not isinstance(content, dict):
         raise ConfigError(f"{path}: expected entries by name, such as `kp: [0, 20]`")
     return {str(name): value for name, value in content.items()}
@@ -125,10 +143,20 @@ def _tell(options: argparse.Namespace) -> dict[str, Any]:
         options.number,
         options.cost,
         failed=options.failed,
+        trace=None if options.trace is None else _table(options.trace),
         metrics=_numbers(options.metric, "--metric"),
         constraints=_numbers(options.constraint, "--constraint"),
     )
     return _told(trial)
+
+
+def _table(path: str) -> pd.DataFrame:
+    import pandas as pd
+
+    try:
+        return pd.read_csv(path)
+    except (OSError, ValueError) as error:  # of the parser too
+        raise ConfigError(f"{path}: cannot be read as a table: {error}") from None
 
 
 def _abandon(options: argparse.Namespace) -> dict[str, Any]:
@@ -203,6 +231,8 @@ def _parser() -> argparse.ArgumentParser:
     create.add_argument("--no-baseline-first", action="store_true",
                         help="do not make the baseline the first experiment")  # fmt: skip
     create.add_argument("--limit", action="append", metavar="NAME=NUMBER", help="of a constraint")
+    create.add_argument("--specs", metavar="YAML", help="file with a list of specs, such as "
+                        "`- {name: overshoot, signals: [y, r], max: 0.05}`")  # fmt: skip
     create.add_argument("--acceptance-test", type=float, metavar="FRACTION",
                         help="of the experiments, to compare answer and baseline")  # fmt: skip
     create.add_argument("--trial-timeout", type=float, metavar="SECONDS",
@@ -213,9 +243,9 @@ def _parser() -> argparse.ArgumentParser:
                      help="for results that the next experiment depends on")  # fmt: skip
     tell = add("tell", _tell, "tell the result of an experiment")
     tell.add_argument("number", type=int)
-    result = tell.add_mutually_exclusive_group(required=True)
-    result.add_argument("--cost", type=float)
-    result.add_argument("--failed", metavar="WHY")
+    tell.add_argument("--cost", type=float)
+    tell.add_argument("--failed", metavar="WHY")
+    tell.add_argument("--trace", metavar="CSV", help="judged by the study's specs")
     for kind in ("metric", "constraint"):
         tell.add_argument(f"--{kind}", action="append", metavar="NAME=NUMBER")
     abandon = add("abandon", _abandon, "give up an experiment that never comes back")

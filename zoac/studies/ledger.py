@@ -62,7 +62,8 @@ class Ledger:
             cost=row.get("cost"),
             metrics=_numbers(row.get("metrics")),
             constraints=constraints,
-            violation=violation(constraints, self._limits),
+            specs=_numbers(row.get("specs")),
+            violation=violation(constraints, self._limits) + row.get("excess", 0.0),
             reason=row.get("reason"),
             ended=row["time"],
         )
@@ -177,7 +178,7 @@ class Ledger:
                 "asked": t.asked,
                 "ended": math.nan if t.ended is None else t.ended,
             }
-            for kind in ("parameters", "metrics", "constraints"):
+            for kind in ("parameters", "metrics", "constraints", "specs"):
                 for name, value in getattr(t, kind).items():
                     row[f"{kind}.{name}" if name in row else name] = value
             rows.append(row)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -12,6 +12,8 @@ from zoac.core.errors import ConfigError, suggest
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.types import is_number
 from zoac.runs import schema
+from zoac.specs.spec import Spec
+from zoac.specs.trace import as_plain, from_plain
 from zoac.tasks.user_task import parse_space
 
 TUNERS = ("bo", "cmaes", "cmaes_full", "es", "nevergrad", "nominal", "optuna", "random")
@@ -30,6 +32,7 @@ class StudySettings:
         fixed: Parameters that are not, by name.
         baseline: Values in use today; None if there are none.
         limits: Of constraints, by name.
+        specs: By which a trace is judged.
         tuner: Name of the tuner's configuration.
         node: The tuner's configuration.
         experiments: How many.
@@ -45,6 +48,7 @@ class StudySettings:
     fixed: dict[str, Any]
     baseline: dict[str, Any] | None
     limits: dict[str, float]
+    specs: tuple[Spec, ...]
     tuner: str
     node: dict[str, Any]
     experiments: int
@@ -63,6 +67,7 @@ class StudySettings:
                 "fixed": self.fixed,
                 "baseline": self.baseline,
                 "limits": self.limits,
+                "specs": [as_plain(spec) for spec in self.specs],
             },
             "tuner": self.node,
             "seed": self.seed,
@@ -87,6 +92,7 @@ def from_config(config: Mapping[str, Any], tuner: str) -> StudySettings:
         fixed=task["fixed"],
         baseline=task["baseline"],
         limits=task["limits"],
+        specs=tuple(map(from_plain, task["specs"])),
         tuner=tuner,
         node=config["tuner"],
         experiments=config["budget"],
@@ -105,6 +111,7 @@ def new_settings(
     baseline: Mapping[str, Any] | None,
     baseline_first: bool,
     constraints: Mapping[str, float] | None,
+    specs: Sequence[Spec],
     acceptance_test: float | None,
     initial_sigma: float | None,
     initial_samples: int | None,
@@ -138,6 +145,7 @@ def new_settings(
         fixed=fixed,
         baseline=values or None,
         limits=_limits(constraints),
+        specs=_specs(specs),
         tuner=named,
         node={**node, **options},
         experiments=experiments,
@@ -169,6 +177,16 @@ def _tuner(name: str, dimension: int, experiments: int, workers: int) -> str:
             f"whole experiments only; {suggest(name, TUNERS)}"
         )
     return name
+
+
+def _specs(specs: Sequence[Spec]) -> tuple[Spec, ...]:
+    for spec in specs:
+        if not isinstance(spec, Spec):
+            raise ConfigError(
+                f"specs: {spec!r} is no spec; expected such as zoac.specs.overshoot('y', 'r')"
+            )
+        as_plain(spec)  # says what is wrong with it
+    return tuple(specs)
 
 
 def _limits(constraints: Mapping[str, float] | None) -> dict[str, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,12 +20,13 @@ from zoac.core.errors import (
 )
 from zoac.core.parameters import ParameterSpace
 from zoac.runs.export import export
+from zoac.specs.spec import Spec
 from zoac.studies import folder as files
 from zoac.studies.journal import Journal
 from zoac.studies.ledger import Ledger
 from zoac.studies.proposals import Proposals
 from zoac.studies.settings import new_settings
-from zoac.studies.trial import Measured, Trial, asked_row, measured, told_row
+from zoac.studies.trial import Measured, Trial, asked_row, measured, measured_trace, told_row
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,6 +58,7 @@ class Study:
         baseline: Mapping[str, Any] | None = None,
         baseline_first: bool = True,
         constraints: Mapping[str, float] | None = None,
+        specs: Sequence[Spec] = (),
         acceptance_test: float | None = None,
         initial_sigma: float | None = None,
         initial_samples: int | None = None,
@@ -78,6 +80,7 @@ class Study:
             baseline_first: Make the baseline values the first experiment.
             constraints: Limits by name: a measured value above its limit is a violation, and less
                 violation goes before less cost.
+            specs: Of `zoac.specs`, which judge the traces that are told.
             acceptance_test: Fraction of the experiments, such as 0.2, in which baseline and
                 recommendation are measured in turn; the answer is the baseline unless the other
                 proves better.
@@ -99,7 +102,7 @@ class Study:
             settings = new_settings(
                 space=space, tuner=tuner, experiments=experiments, seed=seed, workers=workers,
                 baseline=baseline, baseline_first=baseline_first, constraints=constraints,
-                acceptance_test=acceptance_test, initial_sigma=initial_sigma,
+                specs=specs, acceptance_test=acceptance_test, initial_sigma=initial_sigma,
                 initial_samples=initial_samples, tuner_options=tuner_options,
             )  # fmt: skip
         self.folder = path
@@ -149,6 +152,7 @@ class Study:
         cost: Any = None,
         *,
         failed: str | None = None,
+        trace: pd.DataFrame | None = None,
         metrics: Mapping[str, float] | None = None,
         constraints: Mapping[str, float] | None = None,
     ) -> Trial:
@@ -160,6 +164,8 @@ class Study:
             trial: The trial or its number.
             cost: To be minimised; or a mapping with `cost`, and if wanted `metrics` and
                 `constraints`.
+            trace: Instead: the signals of the experiment by column, and `time` [s]. The study's
+                specs judge it; those without a limit are the cost, unless all have one.
             failed: Instead: why the experiment failed. It then ranks behind all that did not.
             metrics: Further numbers by name, which are recorded.
             constraints: Measured values by name.
@@ -168,19 +174,17 @@ class Study:
             ConfigError: If the result cannot be used; nothing is recorded.
             StudyError: If there is no such trial, or it has another result.
         """
-        if (cost is None) == (failed is None):
-            raise ConfigError("tell needs a cost or the reason of a failure, one of the two")
+        if (cost is None and trace is None) == (failed is None):
+            raise ConfigError("tell needs a cost, a trace or the reason of a failure, one of them")
         if failed is not None:
             return self._end(trial, "failed", str(failed))
-        result = measured(cost, self.settings.limits, metrics, constraints)
-        return self._end(trial, "told", result)
+        given = cost, self.settings.limits, metrics, constraints
+        if trace is None:
+            return self._end(trial, "told", measured(*given))
+        return self._end(trial, "told", measured_trace(trace, self.settings.specs, *given))
 
     def abandon(self, trial: Trial | int, reason: str = "given up") -> Trial:
         """Give up an experiment that will never have a result; it counts as failed.
-
-        Args:
-            trial: The trial or its number, which no other trial will have.
-            reason: Why.
 
         Raises:
             StudyError: If there is no such trial, or it has a result.
@@ -245,10 +249,9 @@ class Study:
 
     @property
     def best(self) -> Trial:
-        """The experiment of the answer.
+        """The experiment of the answer: the one of the least violation, and of the least cost.
 
-        The one of the least violation and cost. After an acceptance test: the cheapest experiment
-        with the recommended values if they were accepted, else with the baseline values.
+        After an acceptance test, of those with the values that it chose.
 
         Raises:
             StudyError: If no experiment has succeeded yet.
@@ -257,7 +260,7 @@ class Study:
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """What the tuner says beside the parameters: the verdict of a finished acceptance test."""
+        """The verdict of a finished acceptance test; empty without one."""
         return self._conclusion[1]
 
     @property
@@ -282,7 +285,7 @@ class Study:
         """Write the best parameters as `.yaml`, `.json`, `.h` (C) or `.m` (MATLAB).
 
         Raises:
-            ConfigError: If the suffix is none of these, or the file cannot be written.
+            ConfigError: If it cannot be written so.
             StudyError: If no experiment has succeeded yet.
         """
         units = {p.name: p.unit for p in self.settings.space.parameters}

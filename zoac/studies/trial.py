@@ -5,15 +5,20 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.parameters import ParameterSpace
 from zoac.core.types import is_number
+from zoac.specs.spec import Spec
+from zoac.specs.trace import judged
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 State = Literal["pending", "told", "failed", "abandoned"]
 
@@ -26,11 +31,15 @@ class Measured:
         cost: To be minimised.
         metrics: Further numbers by name, which are only recorded.
         constraints: Measured values by name; each must not be above its limit.
+        specs: Values of the specs that judged a trace, by label.
+        excess: By how much hard ones were exceeded.
     """
 
     cost: float
     metrics: dict[str, float] = field(default_factory=dict)
     constraints: dict[str, float] = field(default_factory=dict)
+    specs: dict[str, float] = field(default_factory=dict)
+    excess: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -45,7 +54,8 @@ class Trial:
         cost: None unless told.
         metrics: By name.
         constraints: Measured values by name.
-        violation: By how much constraints were exceeded; 0 where all hold.
+        specs: Values of the specs that judged its trace, by label.
+        violation: By how much constraints and specs were exceeded; 0 where all hold.
         reason: Why it failed or was abandoned.
         by: Who asked, if the caller said so.
         asked: When, in seconds since 1970.
@@ -59,6 +69,7 @@ class Trial:
     cost: float | None = None
     metrics: dict[str, float] = field(default_factory=dict)
     constraints: dict[str, float] = field(default_factory=dict)
+    specs: dict[str, float] = field(default_factory=dict)
     violation: float = 0.0
     reason: str | None = None
     by: str = ""
@@ -103,17 +114,49 @@ def measured(
     cost = _number(answer["cost"], "the cost")
     if not math.isfinite(cost):
         raise ConfigError(f"the cost is {cost}, expected a finite number")
-    beside = {"metrics": metrics, "constraints": constraints}
-    numbers = {
-        kind: _numbers(answer.get(kind), kind) | _numbers(more, kind)
-        for kind, more in beside.items()
-    }
-    missing = [name for name in limits if name not in numbers["constraints"]]
+    numbers = _numbers(answer.get("metrics"), "metrics") | _numbers(metrics, "metrics")
+    values = _numbers(answer.get("constraints"), "constraints")
+    values |= _numbers(constraints, "constraints")
+    missing = [name for name in limits if name not in values]
     if missing:
         raise ConfigError(
             f"the answer does not say the constraint(s) {', '.join(missing)}, which have a limit"
         )
-    return Measured(cost, **numbers)
+    return Measured(cost, numbers, values)
+
+
+def measured_trace(
+    trace: pd.DataFrame,
+    specs: Sequence[Spec],
+    cost: float | None,
+    limits: Mapping[str, float],
+    metrics: Mapping[str, float] | None = None,
+    constraints: Mapping[str, float] | None = None,
+) -> Measured:
+    """Return what a recorded trace says by specs; see `measured` for the others.
+
+    Args:
+        trace: See `zoac.specs.trace.episode_of`.
+        specs: Of the study.
+        cost: Needed if no spec is without a limit.
+        limits: See `measured`.
+        metrics: Likewise.
+        constraints: Likewise.
+
+    Raises:
+        ConfigError: If the trace cannot be judged.
+    """
+    if not specs:
+        raise ConfigError("a trace needs specs to judge it; give the study specs=[...]")
+    objective, excess, values = judged(specs, trace)
+    if (objective is None) == (cost is None):
+        raise ConfigError(
+            "a trace needs a cost beside it, since every spec of the study has a limit"
+            if cost is None
+            else "the cost comes from the specs without a limit; give none beside the trace"
+        )
+    found = measured(cost if objective is None else objective, limits, metrics, constraints)
+    return replace(found, specs=values, excess=excess)
 
 
 def _numbers(given: Any, kind: str) -> dict[str, float]:
@@ -169,7 +212,9 @@ def told_row(number: int, result: Measured | str, kind: str, now: float) -> dict
     if isinstance(result, str):
         return {**row, "reason": result}
     row["cost"] = result.cost
-    for name in ("metrics", "constraints"):
+    if result.excess:
+        row["excess"] = result.excess
+    for name in ("metrics", "constraints", "specs"):
         if values := getattr(result, name):
             row[name] = {k: v if math.isfinite(v) else None for k, v in values.items()}
     return row

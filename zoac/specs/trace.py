@@ -1,0 +1,107 @@
+"""Specs of a recorded experiment: its signals are the columns of a table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zoac.core.errors import ConfigError, suggest
+from zoac.specs import requirements, responses
+from zoac.specs.signals import Episode
+from zoac.specs.spec import Spec
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TIME = "time"
+"""The column that tells the time [s]."""
+
+LIMITS = ("max", "min", "weight", "window")
+
+
+def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
+    """Return signals of a table with a column `time` [s] and one for each signal.
+
+    Args:
+        trace: The table, a row for each sample.
+        signals: Names of the columns that are needed.
+
+    Raises:
+        ConfigError: If one is missing or holds what is no finite number, or the time does not
+            increase.
+    """
+    values = {}
+    for name in (TIME, *signals):
+        if name not in trace.columns:
+            raise ConfigError(f"the trace has no column {name!r}; {suggest(name, trace.columns)}")
+        try:
+            values[name] = trace[name].to_numpy(np.float64)
+        except (TypeError, ValueError):
+            raise ConfigError(f"the trace's column {name!r} holds what is no number") from None
+        if not np.isfinite(values[name]).all():
+            raise ConfigError(f"the trace's column {name!r} holds what is not finite")
+    time = values.pop(TIME)
+    if len(time) < 2 or not (np.diff(time) > 0).all():
+        raise ConfigError("the time of the trace does not increase from row to row")
+    return Episode(time - time[0], values)
+
+
+def judged(
+    specs: Sequence[Spec], trace: pd.DataFrame
+) -> tuple[float | None, float, dict[str, float]]:
+    """Return the objective, the violation and the value of each spec by its label.
+
+    Args:
+        specs: Hard ones, and soft ones, whose weighted sum is the objective.
+        trace: A table as for `episode_of`.
+
+    Returns:
+        The objective is None without a soft spec.
+
+    Raises:
+        ConfigError: If a signal is missing, or the trace cannot be used.
+    """
+    episode = episode_of(trace, [name for spec in specs for name in spec.signals])
+    values = [spec.of_episode(episode) for spec in specs]
+    pairs = list(zip(specs, values, strict=True))
+    soft = [spec.weight * value for spec, value in pairs if not spec.hard]
+    violation = sum(spec.violation_of(episode, value) for spec, value in pairs)
+    named = {spec.label: value for spec, value in pairs}
+    return (math.fsum(soft) if soft else None), float(violation), named
+
+
+def as_plain(spec: Spec) -> dict[str, Any]:
+    """Return a spec as JSON can hold it.
+
+    Raises:
+        ConfigError: If it is not one of `zoac.specs` that look at signals.
+    """
+    if spec.figure is not getattr(responses, spec.name, None):
+        raise ConfigError(f"{spec}: a trace is judged by a figure of zoac.specs over signals")
+    limits = {name: getattr(spec, name) for name in LIMITS}
+    given = {name: value for name, value in limits.items() if value is not None}
+    return {"name": spec.name, "signals": list(spec.signals), **spec.options, **given}
+
+
+def from_plain(given: Mapping[str, Any]) -> Spec:
+    """Return the spec that `as_plain` wrote, or that a file holds likewise.
+
+    Raises:
+        ConfigError: If it is none.
+    """
+    if not isinstance(given, Mapping) or not {"name", "signals"} <= given.keys():
+        raise ConfigError(f"{given!r} is no spec; expected name, signals and if wanted max or min")
+    options = dict(given)
+    name, signals = options.pop("name"), options.pop("signals")
+    make = getattr(requirements, str(name), None)
+    if make is None or not hasattr(responses, str(name)):
+        known = [known for known in vars(requirements) if hasattr(responses, known)]
+        raise ConfigError(f"unknown spec {name!r}; {suggest(str(name), known)}")
+    try:
+        spec: Spec = make(*signals, **options)
+    except TypeError as error:
+        raise ConfigError(f"spec {name!r}: {error}") from None
+    return spec
