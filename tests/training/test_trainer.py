@@ -17,7 +17,7 @@ from zoac.executors.process import Process
 from zoac.runs import checkpoint
 from zoac.runs.log import RunLog
 from zoac.runs.schema import read_metrics
-from zoac.training import trainer
+from zoac.training import progress
 from zoac.training.trainer import Interrupted, Trainer
 
 RUN = {"format": 1, "task": "t", "tuner": "x", "seed": 0, "variant": None, "config_hash": "0"}
@@ -194,7 +194,7 @@ def test_what_the_tuner_does_beside_an_evaluation_is_the_tuners_time(tmp_path, m
         perf_counter=lambda: time.perf_counter() + 3600 * _Busy.hours,
         process_time=time.process_time,
     )
-    monkeypatch.setattr(trainer, "time", clock)
+    monkeypatch.setattr(progress, "time", clock)
     result = train(tmp_path, Process(workers=1), tuner=_Busy, eval_every=10)
     assert result["tuner_seconds"] >= 3600 * len(numbers(tmp_path, "eval"))
     assert result["evaluation_seconds"] < 3600

@@ -87,6 +87,20 @@ def fitting(what: str) -> Iterator[None]:
         raise unfit(what, f"{type(error).__name__}: {error}") from error
 
 
+def check_keys(what: str, found: Any, expected: Any) -> None:
+    """Refuse a part of a checkpoint with other keys than this version writes.
+
+    Raises:
+        RunFolderError: If it has; a part that is no dict has none.
+    """
+    names, known = (set(part) if isinstance(part, dict) else set() for part in (found, expected))
+    faults = [f"{says} {', '.join(map(repr, sorted(keys, key=str)))}"
+              for says, keys in (("unknown:", names - known), ("missing:", known - names))
+              if keys]  # fmt: skip
+    if faults:
+        raise unfit(what, "; ".join(faults))
+
+
 class _DamagedError(Exception):
     pass
 

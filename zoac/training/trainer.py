@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -25,34 +24,12 @@ from zoac.executors.base import Executor
 from zoac.rollout.constraints import FeasibilityFirst
 from zoac.rollout.evaluation import evaluation_proposals, evaluation_row
 from zoac.rollout.task import Task
-from zoac.runs.checkpoint import fitting, unfit
+from zoac.runs.checkpoint import check_keys, fitting
 from zoac.runs.log import RunLog
 from zoac.specs import verdict
 from zoac.specs.signals import Episode
 from zoac.training.answer_checks import warnings
-
-
-@dataclass
-class Progress:
-    """Counters of a run; they survive a resume."""
-
-    iteration: int = 0
-    env_steps: int = 0
-    next_eval: int = 0
-    wall_seconds: float = 0.0
-    compute_seconds: float = 0.0
-    solver_seconds: float = 0.0
-    tuner_seconds: float = 0.0
-    evaluation_seconds: float = 0.0
-    checkpoint_seconds: float = 0.0
-    solver_failures: int = 0
-    env_restarts: int = 0
-    terminations: int = 0
-    segments: int = 0
-    failed_segments: int = 0
-    failures: int = 0
-    first_failure: str | None = None
-    log_bytes: int = field(default=0)
+from zoac.training.progress import Progress
 
 
 class Trainer:
@@ -97,7 +74,7 @@ class Trainer:
         self._saved_envs()  # warns at the start if they cannot be saved
         while self.progress.env_steps < self._settings.budget:
             self._evaluate_if_due()
-            with self._timed("tuner_seconds"):
+            with self.progress.timed("tuner_seconds"):
                 proposals = self._tuner.ask()
             if not proposals:
                 break
@@ -111,12 +88,12 @@ class Trainer:
         progress = self.progress
         progress.iteration += 1
         progress.env_steps += sum(s.length for s in segments)
-        failure = self._account(segments)
+        failure = self.progress.account(segments)
         seen = [
             replace(s, costs=self._task.tuning_costs(s), reported_costs=s.costs) for s in segments
         ]
         seen = self._constraints.told(segments, seen)
-        with self._timed("tuner_seconds"):
+        with self.progress.timed("tuner_seconds"):
             metrics = self._tuner.tell(seen)
         costs = np.concatenate([s.costs for s in seen])
         terminations = sum(s.terminated for s in segments)
@@ -138,7 +115,7 @@ class Trainer:
             self._refuse("at its first step")
 
     def _background_update(self) -> None:
-        with self._timed("tuner_seconds"):
+        with self.progress.timed("tuner_seconds"):
             self._tuner.background_update()
 
     def _evaluate_if_due(self) -> None:
@@ -156,7 +133,7 @@ class Trainer:
         row = self._row(segments, self._task.metrics)
         if final:
             self._responses["tuned"] = segments[0]
-        row |= self._account(segments)
+        row |= self.progress.account(segments)
         row = {**row, "parameters": self._task.space.named(x), "x": x.tolist(), "final": final}
         self._log.row("eval", self._stamp(compute_seconds=self._compute_seconds()), row)
         return row
@@ -168,7 +145,7 @@ class Trainer:
         """Return the fixed evaluation episodes with the parameters x (d,)."""
         proposals = evaluation_proposals(x, episodes, self._settings.evaluation.seed)
         tuner_seconds = self.progress.tuner_seconds
-        with self._timed("evaluation_seconds"):
+        with self.progress.timed("evaluation_seconds"):
             segments = self._executor.evaluate(proposals, self._background_update)
         # What the tuner did beside it is the tuner's.
         self.progress.evaluation_seconds -= self.progress.tuner_seconds - tuner_seconds
@@ -248,34 +225,6 @@ class Trainer:
         if not specs:
             return {}
         return {"specs": verdict.rows(specs, after["by_spec"], before.get("by_spec", {}))}
-
-    def _account(self, segments: list[Segment]) -> dict[str, str]:
-        """Add up failures and what controllers report of solvers, tuning and evaluation alike.
-
-        Returns:
-            `first_failure`, for the row, if the run's first is among them.
-        """
-        failures = [s.failure for s in segments if s.failure is not None]
-        self.progress.failures += len(failures)
-        first = {}
-        if failures and self.progress.first_failure is None:
-            self.progress.first_failure = first["first_failure"] = failures[0]
-        for segment in segments:
-            diagnostics = segment.diagnostics
-            if "solver_seconds" in diagnostics:
-                self.progress.solver_seconds += float(diagnostics["solver_seconds"].sum())
-            if "solver_failed" in diagnostics:
-                self.progress.solver_failures += int(diagnostics["solver_failed"].sum())
-        return first
-
-    @contextmanager
-    def _timed(self, counter: str) -> Iterator[None]:
-        begun = time.perf_counter()
-        try:
-            yield
-        finally:
-            spent = time.perf_counter() - begun
-            setattr(self.progress, counter, getattr(self.progress, counter) + spent)
 
     def _stamp(self, **more: Any) -> dict[str, Any]:
         return {
@@ -360,14 +309,14 @@ class Trainer:
         if state is None:
             self._log.rewind(0)
             return
-        _same_keys("the checkpoint", state, dict.fromkeys(_STATE))
-        _same_keys("the progress in the checkpoint", state["progress"], asdict(Progress()))
+        check_keys("the checkpoint", state, dict.fromkeys(_STATE))
+        check_keys("the progress in the checkpoint", state["progress"], asdict(Progress()))
         self.progress = Progress(**state["progress"])
         with fitting(of_tuner := "the tuner's state in the checkpoint"):
-            _same_keys(of_tuner, state["tuner"], self._tuner.state())
+            check_keys(of_tuner, state["tuner"], self._tuner.state())
             self._tuner.restore(state["tuner"])
         with fitting(of_constraints := "the constraints' state in the checkpoint"):
-            _same_keys(of_constraints, state["constraints"], self._constraints.state())
+            check_keys(of_constraints, state["constraints"], self._constraints.state())
             self._constraints.restore(state["constraints"])
         self._last_finite = state["last_finite"]
         if state["num_envs"] is None:
@@ -392,20 +341,6 @@ would help, or something is misspelt."""
 
 _STATE = ("progress", "tuner", "num_envs", "constraints", "last_finite")
 """Keys of a checkpoint."""
-
-
-def _same_keys(what: str, found: Any, expected: Any) -> None:
-    """Refuse a part of a checkpoint with other keys than this version writes.
-
-    Raises:
-        RunFolderError: If it has; a part that is no dict has none.
-    """
-    names, known = (set(part) if isinstance(part, dict) else set() for part in (found, expected))
-    faults = [f"{says} {', '.join(map(repr, sorted(keys, key=str)))}"
-              for says, keys in (("unknown:", names - known), ("missing:", known - names))
-              if keys]  # fmt: skip
-    if faults:
-        raise unfit(what, "; ".join(faults))
 
 
 _PARTS = ("solver", "tuner", "evaluation", "checkpoint")

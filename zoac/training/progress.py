@@ -1,0 +1,62 @@
+"""What a run has spent and met so far."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from zoac.core.segments import Segment
+
+
+@dataclass
+class Progress:
+    """Counters of a run; they survive a resume."""
+
+    iteration: int = 0
+    env_steps: int = 0
+    next_eval: int = 0
+    wall_seconds: float = 0.0
+    compute_seconds: float = 0.0
+    solver_seconds: float = 0.0
+    tuner_seconds: float = 0.0
+    evaluation_seconds: float = 0.0
+    checkpoint_seconds: float = 0.0
+    solver_failures: int = 0
+    env_restarts: int = 0
+    terminations: int = 0
+    segments: int = 0
+    failed_segments: int = 0
+    failures: int = 0
+    first_failure: str | None = None
+    log_bytes: int = field(default=0)
+
+    def account(self, segments: Sequence[Segment]) -> dict[str, str]:
+        """Add up failures and what controllers report of solvers, tuning and evaluation alike.
+
+        Returns:
+            `first_failure`, for the row, if the run's first is among them.
+        """
+        failures = [s.failure for s in segments if s.failure is not None]
+        self.failures += len(failures)
+        first = {}
+        if failures and self.first_failure is None:
+            self.first_failure = first["first_failure"] = failures[0]
+        for segment in segments:
+            diagnostics = segment.diagnostics
+            if "solver_seconds" in diagnostics:
+                self.solver_seconds += float(diagnostics["solver_seconds"].sum())
+            if "solver_failed" in diagnostics:
+                self.solver_failures += int(diagnostics["solver_failed"].sum())
+        return first
+
+    @contextmanager
+    def timed(self, counter: str) -> Iterator[None]:
+        """Add the wall seconds of what is done inside to a counter."""
+        begun = time.perf_counter()
+        try:
+            yield
+        finally:
+            spent = time.perf_counter() - begun
+            setattr(self, counter, getattr(self, counter) + spent)
