@@ -15,6 +15,7 @@ from zoac import specs as requirements
 from zoac.config.named_code import locate_code
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.types import is_number
+from zoac.envs.objective import Objective
 from zoac.specs.signals import Signal, action, diagnostic, info, named, observation
 from zoac.specs.spec import Spec
 
@@ -134,6 +135,8 @@ def with_objective(specs: tuple[Spec, ...], objective: Any) -> tuple[str, tuple[
             )
         # The reward is not looked at where specs replace it.
         return ("reward" if soft else objective), specs
+    if not isinstance(objective, Spec | Mapping | Sequence):
+        Objective(objective)  # says which there are
     for spec in (parts := specs_of(objective, "objective")):
         if spec.hard:
             raise ConfigError(

@@ -14,7 +14,7 @@ from tests.envs.test_adapters import Drift
 from zoac.algorithm.gradient import zeroth_order_gradient
 from zoac.core.errors import ConfigError
 from zoac.core.parameters import Parameter, ParameterSpace, choice, integer
-from zoac.tasks.user_task import parse_space
+from zoac.tasks.user_space import parse_space
 
 SPACE = ParameterSpace(
     [Parameter("k", 0.0, 1.0), integer("n", 2, 5), choice("mode", ("a", "b", "c")),

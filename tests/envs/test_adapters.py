@@ -15,7 +15,8 @@ from zoac.envs import gymnasium_adapter
 from zoac.envs.gymnasium_adapter import GymnasiumVecEnv
 from zoac.envs.single_env import env_action
 from zoac.rollout.engine import RolloutEngine
-from zoac.tasks.user_task import UserTask, parse_space, user_task
+from zoac.tasks.user_space import parse_space
+from zoac.tasks.user_task import UserTask, user_task
 
 
 class Drift(gymnasium.Env):

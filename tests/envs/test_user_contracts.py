@@ -14,7 +14,8 @@ from zoac.core.segments import Proposal
 from zoac.envs.gymnasium_adapter import GymnasiumVecEnv
 from zoac.envs.single_env import env_action
 from zoac.rollout.engine import RolloutEngine
-from zoac.tasks.user_task import parse_space, user_task
+from zoac.tasks.user_space import parse_space
+from zoac.tasks.user_task import user_task
 
 
 def task(env=Drift, controller=lambda params, obs: 0.0, **options):

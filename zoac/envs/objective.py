@@ -27,7 +27,8 @@ class Objective:
         """
         kind, _, key = name.partition(":") if isinstance(name, str) else ("", "", "")
         if not (name in KNOWN[:3] or (kind == "info" and key)):
-            raise ConfigError(f"objective={name!r}: {suggest(str(name), KNOWN)}")
+            more = "; or a spec, such as zoac.specs.itae('y', 'r')"
+            raise ConfigError(f"objective={name!r}: {suggest(str(name), KNOWN)}{more}")
         self._auto = name == "auto"
         self._key = None if name in ("auto", "reward") else key or "cost"
 

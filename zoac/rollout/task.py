@@ -15,9 +15,9 @@ from zoac.core.parameters import ParameterSpace
 from zoac.core.segments import Segment
 from zoac.envs.base import VecEnv
 from zoac.rollout import probe
+from zoac.specs.guides import signal_traces
 from zoac.specs.signals import Signal
 from zoac.specs.spec import Spec
-from zoac.specs.traces import signal_traces
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,4 +1,4 @@
-"""What figures draw beside a signal: its reference, and the limits that specs put on it."""
+"""What figures draw: named signals, their references, and the limits that specs put on them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from zoac.core.measures import Trace
+from zoac.core.segments import Segment
+from zoac.specs.signals import Episode, Signal
 from zoac.specs.spec import Spec
 
 
@@ -89,3 +92,42 @@ def _levels(
         since = end - row["options"]["last"] * (end - start)
         return [(target + most, since), (target - most, since)]
     return []
+
+
+def signal_traces(
+    segment: Segment,
+    signals: Mapping[str, Signal],
+    sample_time: float | None,
+    specs: Sequence[Spec],
+) -> list[Trace]:
+    """Return a trace of each signal, over seconds if they are known, with its reference and limits.
+
+    References of other signals have no trace of their own; of m loops side by side the first is
+    shown. Where no spec is the objective, the cost comes last.
+    """
+    episode = Episode.of(segment, signals, sample_time or 1.0)
+    first = {name: v if v.ndim == 1 else v[:, 0] for name, v in episode.values.items()}
+    rows = [plain(spec) for spec in specs]
+    references = references(rows)
+    x_label = "Step" if sample_time is None else "Time [s]"
+    traces = []
+    for name, samples in first.items():
+        if name in references.values():
+            continue
+        reference = references.get(name)
+        levels = limits(rows, name, episode.time, first)
+        unit = signals[name].unit
+        traces.append(
+            Trace(
+                f"{name} [{unit}]" if unit else name,
+                episode.time,
+                samples,
+                x_label,
+                None if reference is None else (episode.time, first[reference]),
+                tuple(dict.fromkeys(limit.level for limit in levels)),
+            )
+        )
+    if all(spec.hard for spec in specs):
+        traces.append(Trace("Cost", episode.time[: segment.length], np.asarray(segment.costs),
+                            x_label))  # fmt: skip
+    return traces

@@ -14,7 +14,7 @@ from zoac.core.types import is_number
 from zoac.runs import schema
 from zoac.specs.spec import Spec
 from zoac.specs.trace import as_plain, from_plain
-from zoac.tasks.user_task import parse_space
+from zoac.tasks.user_space import parse_space
 
 TUNERS = ("bo", "cmaes", "cmaes_full", "es", "nevergrad", "nominal", "optuna", "random")
 """Tuners that need no more of an experiment than its cost."""

@@ -1,0 +1,86 @@
+"""The parameters that a user names in a dict or a YAML file, as a space."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from zoac.core.errors import ConfigError
+from zoac.core.parameters import Parameter, ParameterSpace, choice
+
+
+def parse_space(
+    space: ParameterSpace | Mapping[str, Any],
+) -> tuple[ParameterSpace, dict[str, float], dict[str, Any]]:
+    """Return the space, the fixed parameters and the baseline values that a dict describes.
+
+    Args:
+        space: A `ParameterSpace`, or by name: `(low, high)`, `(low, high, "log")`,
+            `(low, high, "integer")`, `{"low": ..., "high": ..., "scale": ..., "unit": ...,
+            "baseline": ...}`, `{"choices": [...], "baseline": ...}`, or one number, which is fixed.
+
+    Raises:
+        ConfigError: If an entry is none of these.
+    """
+    if isinstance(space, ParameterSpace):
+        return space, {}, {}
+    if not isinstance(space, Mapping):
+        raise ConfigError(f"space={space!r}: expected bounds by name, such as {{'kp': (0, 5)}}")
+    parameters: list[Parameter] = []
+    fixed: dict[str, float] = {}
+    start: dict[str, Any] = {}
+    for name, entry in space.items():
+        where, entry = f"space[{name!r}]", _plain(entry)
+        if isinstance(entry, (int, float)):
+            fixed[name] = float(entry)
+        elif isinstance(entry, Mapping):
+            fields = {key: _plain(value) for key, value in entry.items()}
+            if "baseline" in fields:
+                given = fields.pop("baseline")
+                start[name] = given if "choices" in fields else _number(given, f"{where}.baseline")
+            parameters.append(_parameter(name, fields))
+        elif isinstance(entry, Sequence) and not isinstance(entry, str):
+            if len(entry) > len(_FIELDS):
+                raise ConfigError(
+                    f"{where}={entry!r}: expected at most {', '.join(_FIELDS)}; a start value goes "
+                    f"into a dict, such as {{'low': 0, 'high': 5, 'baseline': 1}}"
+                )
+            values = [_plain(value) for value in entry]
+            parameters.append(_parameter(name, dict(zip(_FIELDS, values, strict=False))))
+        else:
+            raise ConfigError(
+                f"{where}={entry!r}: expected (low, high), (low, high, 'log'), a dict or a number"
+            )
+    return ParameterSpace(parameters), fixed, start
+
+
+def _plain(value: Any) -> Any:
+    """Return a NumPy array or number as a list or a number of Python's."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+_FIELDS = ("low", "high", "scale", "unit")
+
+
+def _number(given: Any, where: str) -> float:
+    try:
+        return float(given)
+    except (TypeError, ValueError):
+        raise ConfigError(f"{where}={given!r}: expected a number") from None
+
+
+def _parameter(name: str, fields: Mapping[str, Any]) -> Parameter:
+    fields = dict(fields)
+    if fields.get("scale") == "integer":
+        fields |= {"scale": "linear", "kind": "integer"}
+    try:
+        if "choices" in fields:
+            return choice(name, fields.pop("choices"), **fields)
+        return Parameter(name=name, **fields)
+    except TypeError:
+        raise ConfigError(
+            f"space[{name!r}]={dict(fields)!r}: expected low and high, and if wanted "
+            "scale ('linear', 'log' or 'integer'), unit, baseline; or choices"
+        ) from None
