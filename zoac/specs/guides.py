@@ -108,13 +108,13 @@ def signal_traces(
     episode = Episode.of(segment, signals, sample_time or 1.0)
     first = {name: v if v.ndim == 1 else v[:, 0] for name, v in episode.values.items()}
     rows = [plain(spec) for spec in specs]
-    references = references(rows)
+    named = references(rows)
     x_label = "Step" if sample_time is None else "Time [s]"
     traces = []
     for name, samples in first.items():
-        if name in references.values():
+        if name in named.values():
             continue
-        reference = references.get(name)
+        reference = named.get(name)
         levels = limits(rows, name, episode.time, first)
         unit = signals[name].unit
         traces.append(
