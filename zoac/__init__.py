@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from zoac.api import make_task as make_task
     from zoac.api import tune as tune
     from zoac.core.errors import Interrupted as Interrupted
+    from zoac.pid_tuning import tune_pid as tune_pid
     from zoac.runs.result import Result as Result
     from zoac.runs.result import load_result as load_result
     from zoac.specs.signals import action as action
@@ -68,10 +69,11 @@ _HOMES = {
     "program": "studies.program",
     "Study": "studies.study",
     "tune": "api",
+    "tune_pid": "pid_tuning",
 }
 __all__ = [
     "Interrupted", "Result", "Study", "action", "info", "load_result", "make_task", "observation",
-    "program", "specs", "tune",
+    "program", "specs", "tune", "tune_pid",
 ]  # fmt: skip
 
 

@@ -81,7 +81,7 @@ def test_frequency_response_and_state_space_are_one(name):
 def test_plants_and_draws_stand_side_by_side():
     two = [sampled(control.tf(*PLANTS[name][:2]), SAMPLE_TIME, PLANTS[name][2])
            for name in ("two lags", "integrating")]  # fmt: skip
-    together = environment(two, draws=2, loads=(0.3, -0.2), load_at=20)
+    together = environment(two, noises=(0.0, 0.0), loads=(0.3, -0.2), load_at=20)
     pairs = zip(two, (0.3, -0.2), strict=True)
     alone = [environment([p], loads=(w,), load_at=20) for p, w in pairs]
     together.reset(seed=0)
@@ -106,12 +106,12 @@ def test_the_load_acts_behind_the_limits_and_the_cost_is_the_absolute_error():
 
 def test_noise_is_measured_but_is_not_in_the_output():
     plant = sampled(control.tf([1], [1, 1]), SAMPLE_TIME, 0.0)
-    env = environment([plant], n=2, noise=0.1, draws=3, max_episode_steps=2000, load_at=2000)
+    env = environment([plant], n=2, noises=(0.1, 0.1, 0.3), max_episode_steps=2000, load_at=2000)
     measured = [env.reset(seed=0)[0]]
     for _ in range(2000):
         measured.append(env.step(np.zeros((2, 3)))[0])
     noise = np.stack(measured)[:, :, :3] - np.stack(measured)[:, :, 6:]
-    assert noise.std() == pytest.approx(0.1, rel=0.05)
+    assert noise.std(axis=(0, 1)) == pytest.approx([0.1, 0.1, 0.3], rel=0.05)
     assert np.abs(np.corrcoef(noise.reshape(-1, 6).T) - np.eye(6)).max() < 0.1
 
 

@@ -25,6 +25,8 @@ LAYERS = (
     ("training", "studies"),
     ("cli",),
     ("run", "check", "search", "study", "api"),
+    ("pid_tuning",),
+    ("pid",),
 )
 """From the lowest to the highest; a module imports from its own package and from lower layers."""
 

@@ -118,7 +118,8 @@ class ClosedLoop:
         """Return the phase [deg] that the loop may lose where its gain is 1."""
         if not self.is_stable:
             return 0.0
-        log = np.log(np.abs(self._response))
+        with np.errstate(divide="ignore"):  # gains of 0
+            log = np.log(np.abs(self._response))
         crossing = np.flatnonzero(log[:-1] * log[1:] <= 0)
         part = log[crossing] / (log[crossing] - log[crossing + 1])
         angle = np.angle(-self._response)

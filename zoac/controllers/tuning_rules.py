@@ -105,10 +105,8 @@ def ultimate(plant: Any, delay: float) -> tuple[float, float]:
     corners = np.abs(np.concatenate([plant.poles(), plant.zeros()]))
     corners = np.append(corners[corners > 1e-9], 1.0 / delay if delay > 0 else 1.0)
     omega = np.logspace(np.log10(corners.min()) - 2, np.log10(corners.max()) + 3, 5000)
-    phase = np.unwrap(np.angle(plant(1j * omega))) - omega * delay
-    sign = 1.0 if float(np.real(plant(1e-9 + 0j))) >= 0 else -1.0
-    if sign < 0:
-        phase = phase - np.pi * np.round(phase[0] / np.pi)
+    direction = sign(plant)
+    phase = np.unwrap(np.angle(direction * plant(1j * omega))) - omega * delay
     # The first frequency at which the phase passes -180 degrees on its way down.
     below = np.flatnonzero((phase[:-1] > -np.pi) & (phase[1:] <= -np.pi))
     if not len(below):
@@ -122,7 +120,17 @@ def ultimate(plant: Any, delay: float) -> tuple[float, float]:
 
     low, high = omega[below[0]], omega[below[0] + 1]
     crossing = brentq(past, low, high) if past(low) * past(high) < 0 else high
-    return sign / abs(complex(plant(1j * crossing))), 2 * math.pi / crossing
+    return direction / abs(complex(plant(1j * crossing))), 2 * math.pi / crossing
+
+
+def sign(plant: Any) -> float:
+    """Return 1.0, or -1.0 for a plant that needs negative gains.
+
+    An unstable pole turns the sign of the static gain, as in 1 / (s - 1).
+    """
+    unstable = int(np.sum(plant.poles().real > 1e-9))
+    at_rest = float(np.real(complex(plant(1e-9 + 0j)))) * (-1.0) ** unstable
+    return 1.0 if at_rest >= 0 else -1.0
 
 
 def first_order(plant: Any, delay: float) -> FirstOrder:

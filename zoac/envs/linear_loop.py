@@ -138,8 +138,7 @@ class LoopVecEnv(ArrayVecEnv):
         reference: float = 1.0,
         loads: Sequence[float] = (0.0,),
         input_limits: tuple[float, float] = (-math.inf, math.inf),
-        noise: float = 0.0,
-        draws: int = 1,
+        noises: Sequence[float] = (0.0,),
     ) -> None:
         """
         Args:
@@ -151,9 +150,10 @@ class LoopVecEnv(ArrayVecEnv):
             reference: Height of the reference's step.
             loads: Heights of the load's step, one per plant, or one for all.
             input_limits: Bounds of the input at the actuator.
-            noise: Standard deviation of the measurement.
-            draws: Draws of the noise R that each plant meets at once; m = P R loops.
+            noises: Standard deviations of the measurement, of each of the R draws of the noise
+                that a plant meets at once; m = P R loops, plant after plant.
         """
+        draws = len(noises)
         loops = len(plants) * draws
         unbounded = np.full(3 * loops, np.inf)
         super().__init__(
@@ -163,7 +163,8 @@ class LoopVecEnv(ArrayVecEnv):
             max_episode_steps,
         )
         self.metadata = {**self.metadata, "sample_time": sample_time}
-        self._sample_time, self._reference, self._noise = sample_time, reference, noise
+        self._sample_time, self._reference = sample_time, reference
+        self._noises = np.tile(np.asarray(noises, dtype=np.float64), len(plants))
         self._loads = np.repeat(np.broadcast_to(loads, len(plants)), draws)
         self._load_at, self._shape = load_at, (num_envs, len(plants), draws)
         order = max(len(p.c) for p in plants)
@@ -187,12 +188,14 @@ class LoopVecEnv(ArrayVecEnv):
         self._x = np.zeros((num_envs, loops, order))
         self._inputs = np.zeros((num_envs, loops, longest + 1))  # the newest is the last
         self._w = np.zeros((num_envs, max_episode_steps + 1, loops))
-        self.arrays = {"x": self._x, "inputs": self._inputs, "w": self._w}
+        self._y = np.zeros((num_envs, loops))
+        self.arrays = {"x": self._x, "inputs": self._inputs, "w": self._w, "y": self._y}
 
     def _start(self, env_index: int, rng: np.random.Generator, demonstration: bool) -> None:
-        self._x[env_index], self._inputs[env_index], self._w[env_index] = 0.0, 0.0, 0.0
-        if self._noise and not demonstration:
-            self._w[env_index] = rng.normal(0.0, self._noise, self._w.shape[1:])
+        for array in self.arrays.values():
+            array[env_index] = 0.0
+        if self._noises.any() and not demonstration:
+            self._w[env_index] = self._noises * rng.standard_normal(self._w.shape[1:])
 
     def _output(self) -> np.ndarray:
         # Summed one by one: the bits of a matrix product depend on the other environments.
@@ -211,15 +214,16 @@ class LoopVecEnv(ArrayVecEnv):
         for j in range(self._x.shape[2]):
             x += self._a[:, :, j] * self._x[:, :, j, None]
         self._x[...] = x
-        y = self._output()
+        y = self._y[...] = self._output()
         worst = np.abs(y).max(axis=1)
         diverged = ~(worst <= DIVERGED * max(1.0, abs(self._reference)))
-        error = np.abs(self._reference - np.where(diverged[:, None], 0.0, y))
+        error = np.abs(self._reference - y)
+        error[diverged] = 0.0
         means = error.reshape(self._shape).mean(axis=2).max(axis=1)
         return self._sample_time * means + np.where(diverged, TERMINATION_COST, 0.0), diverged
 
     def _observe(self) -> np.ndarray:
         steps = np.minimum(self._steps, self.max_episode_steps)
-        y = self._output()
-        measured = y + self._w[np.arange(self.num_envs), steps]
-        return np.concatenate([measured, np.full_like(y, self._reference), y], axis=1)
+        measured = self._y + self._w[np.arange(self.num_envs), steps]
+        reference = np.full_like(self._y, self._reference)
+        return np.concatenate([measured, reference, self._y], axis=1)

@@ -87,6 +87,11 @@ class Task(ABC):
         """Return the costs (T,) that a tuner sees; evaluation always reports the plain ones."""
         return segment.costs
 
+    def tuning_violation(self, segment: Segment) -> float:
+        """Return by how much an episode breaks specs, as a tuner is told; evaluation uses the
+        plain `Segment.violation`."""
+        return segment.violation
+
     def env_action(self, action: np.ndarray) -> Any:
         """Return a controller's action (m,) as this task's environment takes it."""
         return action

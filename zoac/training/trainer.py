@@ -90,7 +90,13 @@ class Trainer:
         progress.env_steps += sum(s.length for s in segments)
         failure = self.progress.account(segments)
         seen = [
-            replace(s, costs=self._task.tuning_costs(s), reported_costs=s.costs) for s in segments
+            replace(
+                s,
+                costs=self._task.tuning_costs(s),
+                reported_costs=s.costs,
+                violation=self._task.tuning_violation(s),
+            )
+            for s in segments
         ]
         seen = self._constraints.told(segments, seen)
         with self.progress.timed("tuner_seconds"):

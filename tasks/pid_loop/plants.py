@@ -1,0 +1,112 @@
+"""What `zoac.tune_pid` is asked for: plants, the controller's structure, limits and noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from zoac.controllers import tuning_rules
+from zoac.controllers.pid import PID
+from zoac.core.errors import ConfigError, suggest
+from zoac.core.types import is_number
+from zoac.envs.linear_loop import SampledPlant, sampled
+
+Gains = dict[str, float]
+
+PARAMETERS = {
+    "P": ("Kp",), "PI": ("Kp", "Ki"), "PD": ("Kp", "Kd", "Tf"), "PID": ("Kp", "Ki", "Kd", "Tf"),
+}  # fmt: skip
+RULES = ("simc", "ziegler_nichols", "tyreus_luyben")
+
+
+@dataclass(frozen=True)
+class Design:
+    """What `zoac.tune_pid` was asked for.
+
+    Args:
+        systems: Continuous python-control systems; the PID is to serve each.
+        dead_times: One per plant [s].
+        sample_time: T_s [s].
+        structure: "P", "PI", "PD" or "PID".
+        input_limits: Smallest and largest input, 0 between them.
+        noise: Standard deviation of the measurement, in the unit of y.
+
+    Raises:
+        ConfigError: If an argument is out of its range.
+    """
+
+    systems: Sequence[Any]
+    dead_times: Sequence[float]
+    sample_time: float
+    structure: str = "PI"
+    input_limits: tuple[float, float] = (-math.inf, math.inf)
+    noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        _known(self.structure)
+        _ = self.pid  # refuses a sample time that is none
+        low, high = self.input_limits
+        if not low <= 0.0 <= high or low == high:
+            raise ConfigError(
+                f"input_limits={self.input_limits}: expected (low, high) around 0, the input at "
+                "rest; state limits as deviations from it"
+            )
+        if not (math.isfinite(self.noise) and self.noise >= 0):
+            raise ConfigError(f"noise={self.noise}: expected a standard deviation, 0 or more")
+
+    @property
+    def pid(self) -> PID:
+        """The controller's structure."""
+        return PID(sample_time=self.sample_time, r=1, output_limits=self.input_limits)
+
+    @property
+    def plants(self) -> list[SampledPlant]:
+        """The plants as seen at the samples."""
+        return [
+            sampled(system, self.sample_time, dead_time)
+            for system, dead_time in zip(self.systems, self.dead_times, strict=True)
+        ]
+
+    def by_rule(self, rule: str) -> Gains:
+        """Return the gains of a rule: for several plants those of the smallest Kp.
+
+        Raises:
+            ConfigError: If the rule is unknown or has no answer for a plant.
+        """
+        found = [
+            tuning_rules.gains(rule, system, self.structure, dead_time, self.sample_time)
+            for system, dead_time in zip(self.systems, self.dead_times, strict=True)
+        ]
+        weakest = min(found, key=lambda gains: abs(gains["Kp"]))
+        if not (weakest["Kp"] and all(map(math.isfinite, weakest.values()))):
+            raise ConfigError(f"{rule} gives Kp={weakest['Kp']:g} here, which is no gain to use")
+        return {name: float(weakest[name]) for name in PARAMETERS[self.structure]}
+
+
+def gains_of(structure: str, given: Mapping[str, float]) -> Gains:
+    """Return given gains, those of a structure, with a filter where none is named.
+
+    Raises:
+        ConfigError: If the structure is unknown, or a gain is unknown, missing or not finite.
+    """
+    _known(structure)
+    names = PARAMETERS[structure]
+    for name, value in given.items():
+        if name not in names:
+            raise ConfigError(f"baseline: unknown gain {name!r}; {suggest(name, names)}")
+        if not (is_number(value) and math.isfinite(value)):
+            raise ConfigError(f"baseline: {name}={value!r}, expected a finite number")
+    gains = dict(given)
+    if "Tf" in names and {"Kp", "Kd"} <= gains.keys() and gains["Kp"]:
+        gains.setdefault("Tf", tuning_rules.FILTER * abs(gains["Kd"] / gains["Kp"]))
+    missing = [name for name in names if name not in gains]
+    if missing:
+        raise ConfigError(f"baseline: no value for {', '.join(missing)} of a {structure}")
+    return {name: float(gains[name]) for name in names}
+
+
+def _known(structure: str) -> None:
+    if structure not in PARAMETERS:
+        raise ConfigError(f"structure={structure!r}: {suggest(structure, PARAMETERS)}")

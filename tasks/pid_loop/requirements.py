@@ -1,0 +1,125 @@
+"""Specs of a loop with a PID: what is looked at when, and margins without a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from zoac import specs as requirements
+from zoac.controllers.pid import PID
+from zoac.controllers.pid_loop import ClosedLoop, SampledLoop
+from zoac.core.errors import ConfigError, suggest
+from zoac.core.segments import Segment
+from zoac.specs.signals import Episode, Signal
+from zoac.specs.spec import Spec
+
+OBJECTIVES = ("iae", "ise", "itae")
+OF_THE_STEP = ("overshoot", "settling_time", "rise_time", "steady_state_error")
+"""Figures of the reference's step: judged before the load begins."""
+
+
+@dataclass(frozen=True)
+class WorstPlant(Spec):
+    """A soft spec of several plants: the worst one counts, of each the mean over its draws.
+
+    Args:
+        plants: Number of plants; the columns of a signal are plant after plant.
+    """
+
+    plants: int = 1
+
+    def of_episode(self, episode: Episode) -> float:
+        """Return the figure of the worst plant."""
+        if episode.ended < 1.0:
+            return self.worst
+        return max(super(WorstPlant, self).of_episode(self._part(episode, k))
+                   for k in range(self.plants))  # fmt: skip
+
+    def _part(self, episode: Episode, plant: int) -> Episode:
+        parts = {}
+        for name, samples in episode.values.items():
+            draws = samples.shape[1] // self.plants
+            parts[name] = samples[:, plant * draws : (plant + 1) * draws]
+        return Episode(episode.time, parts)
+
+
+def objective_of(given: str | Spec, plants: int) -> Spec:
+    """Return what is minimised.
+
+    Raises:
+        ConfigError: If it is neither the name of an integral nor a spec without a limit.
+    """
+    if isinstance(given, str):
+        if given not in OBJECTIVES:
+            raise ConfigError(f"objective={given!r}: {suggest(given, OBJECTIVES)}")
+        given = getattr(requirements, given)("y", "r")
+    if not isinstance(given, Spec) or given.hard:
+        raise ConfigError(
+            f"objective={given!r}: expected {', '.join(map(repr, OBJECTIVES))}, or a spec without "
+            "a limit"
+        )
+    if plants == 1:
+        return given
+    return WorstPlant(**{**vars(given), "plants": plants})
+
+
+class LoopsOf:
+    """The loops of the plants with a PID, as a function of its gains."""
+
+    def __init__(self, loops: Sequence[SampledLoop], pid: PID) -> None:
+        """
+        Args:
+            loops: One per plant.
+            pid: The controller's structure.
+        """
+        self._loops, self._pid = tuple(loops), pid
+        self._latest: tuple[dict[str, Any], list[ClosedLoop]] = ({}, [])
+
+    def __call__(self, parameters: Mapping[str, Any]) -> list[ClosedLoop]:
+        """Return the closed loops with these gains; several specs ask for the same ones."""
+        if self._latest[0] != parameters:
+            closed = [loop.at(self._pid, parameters) for loop in self._loops]
+            self._latest = dict(parameters), closed
+        return self._latest[1]
+
+
+def fitted(spec: Spec, loops: LoopsOf, load_at: float) -> Spec:
+    """Return a spec as it is judged here.
+
+    A figure of the reference's step is looked at until the load begins, at `load_at` [s]; a figure
+    of a loop is of the plant that keeps it least.
+    """
+    if spec.of_loop and spec.loop is None:
+        worst = min if spec.max is None else max
+        return replace(spec, figure=partial(_of_loops, spec.name, worst), loop=loops)
+    if spec.name in OF_THE_STEP and spec.window is None:
+        return replace(spec, window=(0.0, load_at))
+    return spec
+
+
+def _of_loops(name: str, worst: Any, loops: Sequence[ClosedLoop]) -> float:
+    return float(worst(getattr(loop, name)() for loop in loops))
+
+
+def signals_of(loops: int, which: Sequence[int]) -> dict[str, Signal]:
+    """Return y, without its noise, r and u of some of m loops side by side.
+
+    Args:
+        loops: m.
+        which: Their numbers.
+    """
+    chosen = np.array(which)
+    return {
+        "y": Signal("output", partial(_columns, "observations", 2 * loops + chosen)),
+        "r": Signal("reference", partial(_columns, "observations", loops + chosen)),
+        "u": Signal("input", partial(_columns, "actions", chosen)),
+    }
+
+
+def _columns(of: str, which: np.ndarray, segment: Segment) -> np.ndarray:
+    samples: np.ndarray = getattr(segment, of)[:, which]
+    return samples

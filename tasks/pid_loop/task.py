@@ -1,0 +1,131 @@
+"""A PID in a loop with linear plants, as a task."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from zoac.controllers.pid import PID
+from zoac.controllers.pid_loop import LoopsPID, SampledLoop
+from zoac.core.parameters import ParameterSpace
+from zoac.core.segments import Segment
+from zoac.envs.linear_loop import LoopVecEnv, SampledPlant
+from zoac.rollout.task import Task
+from zoac.specs.judge import Judge
+from zoac.specs.spec import Spec
+from zoac.tasks.pid_loop.requirements import LoopsOf, fitted, objective_of, signals_of
+
+DRAWS = 2
+"""Draws of the noise that each plant meets in an episode."""
+
+STRICT_DRAWS = 6
+"""Further draws, of a larger noise, on which the search judges hard specs: those that hold there
+hold for the noise that was asked for in many more episodes than a search can spend."""
+
+RESERVE = 1.75
+"""The larger noise over the one that was asked for."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What one episode is.
+
+    Args:
+        steps: Its length.
+        load_at: Step at which a load begins to act at the input.
+        reference: Height of the reference's step.
+        loads: Heights of the load's step, one per plant.
+        noise: Standard deviation of the measurement.
+    """
+
+    steps: int
+    load_at: int
+    reference: float
+    loads: tuple[float, ...]
+    noise: float = 0.0
+
+    @property
+    def noises(self) -> tuple[float, ...]:
+        """Standard deviations of the draws of the noise that each plant meets at once."""
+        if not self.noise:
+            return (0.0,)
+        return (self.noise,) * DRAWS + (RESERVE * self.noise,) * STRICT_DRAWS
+
+    def columns(self, plants: int, strict: bool) -> list[int]:
+        """Return which loops have the noise that was asked for, or the larger one."""
+        draws = len(self.noises)
+        chosen = range(DRAWS if strict else 0, draws if strict else DRAWS) if self.noise else [0]
+        return [plant * draws + draw for plant in range(plants) for draw in chosen]
+
+
+class PidLoop(Task):
+    """The gains of one PID that is to serve every plant of a list: the worst one counts."""
+
+    def __init__(
+        self,
+        plants: Sequence[SampledPlant],
+        pid: PID,
+        space: ParameterSpace,
+        experiment: Experiment,
+        baseline: Mapping[str, float] | None = None,
+        specs: Sequence[Spec] = (),
+        objective: str | Spec = "iae",
+    ) -> None:
+        """
+        Args:
+            plants: From `zoac.envs.linear_loop.sampled`, all of one sample time.
+            pid: The controller's structure.
+            space: Of its gains, in the form of `pid`.
+            experiment: What one episode is.
+            baseline: Present gains.
+            specs: Hard specs of `y`, `r` and `u`, and of the loop.
+            objective: "iae", "ise" or "itae" of `y` and `r`, or a spec without a limit.
+
+        Raises:
+            ConfigError: If the objective is neither.
+        """
+        self.plants, self.pid, self.space = tuple(plants), pid, space
+        self.experiment, self.baseline = experiment, baseline
+        self.sample_time = pid.sample_time
+        self.signals, strict = (
+            signals_of(self.loops, experiment.columns(len(self.plants), strict))
+            for strict in (False, True)
+        )
+        loops = LoopsOf([SampledLoop(plant, pid.sample_time) for plant in self.plants], pid)
+        load_at = experiment.load_at * pid.sample_time
+        minimised = objective_of(objective, len(self.plants))
+        self.specs = (*(fitted(spec, loops, load_at) for spec in specs), minimised)
+        self.objective = str(minimised)
+        hard = [spec for spec in self.specs if spec.hard]
+        self._strict = Judge(hard, strict, pid.sample_time, experiment.steps, space.named)
+
+    @property
+    def loops(self) -> int:
+        """Number of loops m that stand side by side in one environment."""
+        return len(self.plants) * len(self.experiment.noises)
+
+    def make_env(self, n: int) -> LoopVecEnv:
+        """Return `n` environments of m loops each."""
+        e = self.experiment
+        return LoopVecEnv(
+            self.plants,
+            n,
+            sample_time=self.pid.sample_time,
+            max_episode_steps=e.steps,
+            load_at=e.load_at,
+            reference=e.reference,
+            loads=e.loads,
+            input_limits=self.pid.output_limits,
+            noises=e.noises,
+        )
+
+    def tuning_violation(self, segment: Segment) -> float:
+        """Return by how much hard specs are broken with the larger noise."""
+        return (
+            self._strict.judged(segment).violation if self.experiment.noise else segment.violation
+        )
+
+    def make_controller(self) -> Any:
+        """Return the PID in each loop."""
+        return LoopsPID(self.pid, self.loops)

@@ -1,0 +1,47 @@
+"""A few plants of the suite of loops, and the evidence that its specs can be met."""
+
+import numpy as np
+import pytest
+
+from benchmarks.loop_plants import Experiment, draw, figures, simulate
+from benchmarks.loop_specs import read
+from benchmarks.loops import judged
+from zoac.core.segments import Proposal
+from zoac.rollout.engine import RolloutEngine
+from zoac.tasks.pid_loop import Design, designed
+
+pytest.importorskip("control")
+
+TABLE = read()
+
+
+def test_the_evidence_in_the_table_meets_its_specs():
+    assert len(TABLE) == 100
+    for index in range(0, 100, 9):
+        plant, specs = draw(index), TABLE[index]
+        assert specs.broken(plant, specs.evidence, 1, 10) == []
+
+
+@pytest.mark.parametrize("index", range(7))
+def test_the_other_simulation_agrees_with_what_is_tuned(index):
+    plant = draw(index)
+    design = Design(
+        [plant.system], [plant.dead_time], plant.sample_time, plant.structure, plant.input_limits
+    )
+    task, _ = designed(design, TABLE[index].evidence)
+    (segment,) = RolloutEngine(task, [0], [0]).rollout(
+        [Proposal(task.space.normalise(task.baseline), 0)]
+    )
+    e = task.experiment
+    same = Experiment(e.steps, e.load_at, e.reference, e.loads[0])
+    y = simulate(plant, TABLE[index].evidence, same, np.zeros((1, e.steps + 1)))
+    assert np.allclose(segment.observations[:, -1], y[0], rtol=1e-9, atol=1e-9)
+    iae = figures(y, plant, same, 0.02)["iae"][0]
+    assert segment.costs.sum() == pytest.approx(iae, rel=1e-9)
+
+
+@pytest.mark.parametrize("index", [0, 2, 22])
+def test_a_plant_of_the_suite_gets_its_specs_and_beats_the_rules(index):
+    verdict = judged(draw(index), TABLE[index])
+    assert verdict.broken == ""
+    assert set(verdict.against.values()) == {"better"}

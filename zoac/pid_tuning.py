@@ -1,0 +1,212 @@
+"""Tune a PID for a plant: `zoac.tune_pid`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from zoac.api import tune
+from zoac.controllers.pid import PID
+from zoac.controllers.pid_export import export_pid
+from zoac.core.errors import ConfigError
+from zoac.envs.single_env import EnvSource
+from zoac.rollout.task import Task
+from zoac.runs.result import Result
+from zoac.specs.signals import action, observation
+from zoac.specs.spec import Spec
+from zoac.tasks.pid_loop import Design, designed
+from zoac.tasks.pid_loop.design import space_around
+from zoac.tasks.pid_loop.plants import gains_of
+from zoac.tasks.pid_loop.requirements import objective_of
+from zoac.tasks.user_specs import specs_of
+from zoac.tasks.user_task import user_task
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+EPISODES = 1000
+"""Simulated experiments per plant; measured on `benchmarks/loops.py`."""
+
+EPISODES_IN_ENVIRONMENT = 400
+"""In a user's environment, which may be slow."""
+
+POPULATION = 24
+"""Points of a generation, simulated side by side."""
+
+
+@dataclass(frozen=True)
+class PidResult:
+    """A tuned PID.
+
+    Args:
+        parameters: Gains by name, in parallel form: `Kp`, `Ki`, `Kd`, `Tf`.
+        baseline: The gains that it is compared with.
+        controller: The PID that these gains belong to, with its limits and anti-windup.
+        run: The tuning run, with its folder.
+        warnings: What is wrong with the answer or the baseline, one sentence each.
+    """
+
+    parameters: dict[str, float]
+    baseline: dict[str, float]
+    controller: PID
+    run: Result = field(repr=False)
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def specs(self) -> pd.DataFrame:
+        """What became of each spec; see `Result.specs`."""
+        return self.run.specs
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the gains keep every hard spec."""
+        return self.run.feasible
+
+    def standard(self) -> dict[str, float]:
+        """Return the gains in standard form, K (1 + 1 / (Ti s) + Td s / (Td / N s + 1))."""
+        k, ki, kd, tf = self.controller.gains(self.parameters)
+        ti, td = (k / ki if ki else math.inf), kd / k
+        return {"K": k, "Ti": ti, "Td": td, "N": td / tf if tf else math.inf}
+
+    def export(self, path: str | Path) -> Path:
+        """Write the controller as `.c`, `.h`, `.m` or `.py`; see `export_pid`."""
+        return export_pid(self.controller, self.parameters, path)
+
+    def __str__(self) -> str:
+        """Return a table for a terminal: gains and specs, before and after."""
+        rows = [("", "baseline", "tuned", "limit", "")]
+        rows += [
+            (name, f"{self.baseline[name]:.4g}", f"{value:.4g}", "", "")
+            for name, value in self.parameters.items()
+        ]
+        for spec in self.specs.to_dict("records"):
+            met = {True: "met", False: "NOT MET"}.get(spec["met"], "")
+            values = (f"{spec[which]:.4g}" for which in ("baseline", "value"))
+            rows.append((spec["spec"], *values, spec["limit"] or "", met))
+        widths = [max(len(row[i]) for row in rows) for i in range(4)]
+        lines = [
+            f"{row[0]:<{widths[0]}}  {row[1]:>{widths[1]}}  {row[2]:>{widths[2]}}  "
+            f"{row[3]:<{widths[3]}}  {row[4]}".rstrip()
+            for row in rows
+        ]
+        return "\n".join([*lines, *(f"warning: {warning}" for warning in self.warnings)])
+
+
+def tune_pid(
+    plant: Any,
+    *,
+    sample_time: float,
+    dead_time: float | Sequence[float] = 0.0,
+    structure: str = "PI",
+    input_limits: tuple[float, float] | None = None,
+    noise: float = 0.0,
+    specs: Sequence[Spec] = (),
+    objective: str | Spec = "iae",
+    baseline: str | Mapping[str, float] = "simc",
+    seed: int = 0,
+) -> PidResult:
+    """Tune a PID for a plant: the specs first, then the objective.
+
+        result = zoac.tune_pid(control.tf([2], [0.1, 0.7, 1]), dead_time=0.1, sample_time=0.05)
+
+    Each experiment is a step of the reference and later a step of a load at the plant's input. The
+    signals are `y` (without the noise), `r` and `u`. Specs of the reference's step are judged until
+    the load begins. Margins need no `loop=` and cost no simulation.
+
+    Args:
+        plant: A continuous system of python-control with one input and one output; or a list of
+            such, of which the worst counts. Or a Gymnasium environment (its id, a function that
+            makes it, or itself) whose observation is (y, r, ...) and whose action is u.
+        sample_time: Of the controller [s].
+        dead_time: Of the plant [s], or one for each plant.
+        structure: "P", "PI", "PD" or "PID".
+        input_limits: Smallest and largest input, as deviations from that at rest. The PID has
+            anti-windup there.
+        noise: Standard deviation of the measurement, in the unit of y.
+        specs: Requirements, such as `zoac.specs.overshoot("y", "r", max=0.05)`.
+        objective: "iae", "ise" or "itae" of `y` and `r`, or a spec without a limit.
+        baseline: "ziegler_nichols", "simc" or "tyreus_luyben", or the gains of today by name. The
+            answer is never worse on held-out episodes. An environment needs gains.
+        seed: Of everything.
+
+    Raises:
+        ConfigError: If something given cannot be used.
+    """
+    limits = (-math.inf, math.inf) if input_limits is None else tuple(map(float, input_limits))
+    if len(limits) != 2:
+        raise ConfigError(f"input_limits={input_limits!r}: expected (low, high)")
+    required = specs_of(specs)
+    systems = list(plant) if isinstance(plant, list | tuple) else [plant]
+    if not hasattr(systems[0], "poles"):
+        for name, value in (("dead_time", dead_time), ("noise", noise)):
+            if value:
+                raise ConfigError(f"{name}={value!r}: an environment has its own")
+        pid = PID(sample_time=sample_time, r=1, output_limits=limits)
+        return _in_environment(plant, pid, structure, required, objective, baseline, seed)
+    dead_times = [dead_time] * len(systems) if isinstance(dead_time, int | float) else dead_time
+    if len(dead_times) != len(systems):
+        raise ConfigError(f"{len(dead_times)} dead times for {len(systems)} plants")
+    design = Design(systems, dead_times, sample_time, structure, limits, noise)
+    task, remarks = designed(design, baseline, required, objective)
+    return _tuned(task, task.pid, EPISODES, seed, remarks)
+
+
+def _in_environment(
+    env: EnvSource,
+    pid: PID,
+    structure: str,
+    specs: Sequence[Spec],
+    objective: str | Spec,
+    baseline: str | Mapping[str, float],
+    seed: int,
+) -> PidResult:
+    """Tune a PID in a user's environment; see `tune_pid`."""
+    if isinstance(baseline, str):
+        raise ConfigError(
+            f"baseline={baseline!r}: rules need a system of python-control; for an environment "
+            "give the gains of today, such as {'Kp': 1.0, 'Ki': 0.5}"
+        )
+    gains = gains_of(structure, baseline)
+    task = user_task(
+        env=env,
+        controller=pid,
+        space=space_around(gains, gains, pid.sample_time),
+        baseline=gains,
+        signals={"y": observation(0), "r": observation(1), "u": action(0)},
+        sample_time=pid.sample_time,
+        specs=specs,
+        objective=objective_of(objective, 1),
+    )
+    return _tuned(task, pid, EPISODES_IN_ENVIRONMENT, seed, [])
+
+
+def _tuned(task: Task, pid: PID, episodes: int, seed: int, remarks: list[str]) -> PidResult:
+    """Tune a task, the baseline among the candidates for the answer."""
+    alone = task.space.dimension == 1  # CMA-ES needs two parameters or more
+    options: dict[str, Any] = {
+        "start": "middle",
+        "recommendation": "reevaluated",
+        "reevaluate_top": 30,
+        "reevaluate_fraction": 0.2,
+    }
+    if not alone:
+        options |= {"population": POPULATION, "initial_sigma": 0.5}
+    run = tune(
+        task=task,
+        tuner="nevergrad" if alone else "cmaes_full",
+        tuner_options=options,
+        budget=episodes * task.horizon.steps,
+        num_envs=POPULATION,
+        common_random_numbers=True,
+        eval_every=episodes * task.horizon.steps,
+        episodes=1,
+        final_episodes=20,
+        seed=seed,
+        quiet=True,
+    )
+    assert task.baseline is not None
+    warnings = [*remarks, *run.warnings]
+    return PidResult(run.parameters, dict(task.baseline), pid, run, warnings)
