@@ -56,3 +56,12 @@ class Short(FirstOrder):
 
     def __init__(self):
         super().__init__(ends_after=7)
+
+
+class Diverging(FirstOrder):
+    """The same, but an episode ends where |y| > 50."""
+
+    def step(self, action):
+        observation, reward, _, truncated, info = super().step(action)
+        diverged = abs(self.y) > 50
+        return observation, reward, diverged, truncated and not diverged, info

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import zoac
-from tests.specs.loops_to_tune import SIGNALS, FirstOrder, proportional, tuned
+from tests.specs.loops_to_tune import SIGNALS, Diverging, FirstOrder, proportional, tuned
 from zoac.config.compose import compose_config
 from zoac.config.files import choices
 from zoac.config.validate import locate
@@ -149,7 +149,28 @@ def test_an_episode_that_ends_early_breaks_every_spec_the_earlier_the_more():
         if ends_after is not None:
             assert segment.spec_values == (math.inf,)
     assert found[0] == 0.0
-    assert 1.99 < found[1] < found[2] < 2.0
+    assert found[1:] == pytest.approx([2.0 + 1 / 40, 2.0 + 30 / 40])
+
+
+def test_of_two_that_end_early_the_later_one_ranks_first_also_without_a_hard_spec():
+    for specs in ([], [ERROR]):
+        found = []
+        for ends_after in (10, 20, None):
+            env = FirstOrder(ends_after=ends_after)
+            found += episodes([5.0], env=env, specs=specs, objective=zoac.specs.iae("y", "r"))
+        assert Outcomes.of(found).order.tolist() == [2, 1, 0]
+        assert [bool(np.isfinite(s.costs).all()) for s in found] == [True] * 3
+
+
+def test_an_evolution_strategy_finds_its_way_out_of_instability():
+    """The loop is unstable above k = 40 and ends when it has diverged."""
+    specs = [zoac.specs.overshoot("y", "r", max=0.05)]
+    found = tuned(
+        env=Diverging, specs=specs, objective=zoac.specs.iae("y", "r"), tuner="es", budget=6000,
+        space={"k": {"low": 0.5, "high": 120.0, "scale": "log", "baseline": 90.0}},
+    )  # fmt: skip
+    assert found.baseline_cost_mean == math.inf
+    assert found.feasible
 
 
 def test_an_environment_that_calls_its_time_limit_a_termination_is_judged():

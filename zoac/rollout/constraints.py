@@ -13,7 +13,9 @@ being the range of what whole episodes have cost so far. Costs that come later m
 steps told before keep their price.
 
 A hard spec that a whole episode breaks (`zoac.specs`) adds 1 + v / (1 + v) once to the episode's
-violation, v being the excess relative to the limit. Only tuners that see episodes can be used then.
+violation, v being the excess relative to the limit. An episode that ends early breaks each by more,
+the earlier the more. Only tuners that see episodes can be used then. Where an objective of specs is
+infinite, they are told this violation and no cost.
 
 Reported costs are never changed; violations are counted beside them.
 """
@@ -84,6 +86,7 @@ class FeasibilityFirst:
 
     def __init__(self, constraints: Sequence[Constraint], specs: Sequence[Spec] = ()) -> None:
         self._constraints, self._specs = tuple(constraints), tuple(specs)
+        self._objective = not all(spec.hard for spec in specs)
         self._scales = np.array([c.scale or abs(c.limit) for c in constraints])  # 0: the largest
         self._largest = np.zeros(len(constraints))  # finite excess so far
         self._totals: dict[int, float] = {}  # of each environment's episode so far
@@ -112,8 +115,11 @@ class FeasibilityFirst:
         """
         if self._specs:
             judge.need_episodes(segments)
-        if not self._constraints:
-            return list(seen)
+        told = self._priced(segments, seen) if self._constraints else list(seen)
+        return judge.comparable(told) if self._objective else told
+
+    def _priced(self, segments: Sequence[Segment], seen: Sequence[Segment]) -> list[Segment]:
+        """Return `seen` with violations of constraints and their price."""
         for segment in seen:
             self._watch(segment)
         amounts = [excess(segment, self._constraints) for segment in segments]

@@ -44,9 +44,11 @@ def evaluation_row(
         ConfigError: If a metric or constraint does not return one number per step.
     """
     costs = np.array([s.costs.sum() for s in segments])
+    with np.errstate(invalid="ignore"):  # a response that ended early has an infinite objective
+        mean, std = costs.mean(), costs.std(ddof=1) if len(costs) > 1 else 0.0
     row: dict[str, Any] = {
-        "cost_mean": float(costs.mean()),
-        "cost_std": float(costs.std(ddof=1)) if len(costs) > 1 else 0.0,
+        "cost_mean": float(mean),
+        "cost_std": float(std),
         "cost_per_episode": costs.tolist(),
         "episode_lengths": [s.length for s in segments],
         "terminations": sum(s.terminated for s in segments),

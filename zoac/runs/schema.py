@@ -135,7 +135,7 @@ def read_result(folder: Path) -> dict[str, Any]:
     return {k: _numbers(v) if k in _COSTS else v for k, v in result.items()}
 
 
-_COSTS = ("cost_mean", "cost_std", "cost_per_episode")
+_COSTS = ("cost_mean", "cost_std", "cost_per_episode", "baseline_cost_mean")
 
 
 def _numbers(value: Any) -> Any:

@@ -133,3 +133,16 @@ def need_episodes(segments: Sequence[Segment]) -> None:
     """
     if any(segment.spec_values is None for segment in segments):
         raise ConfigError(f"the tuner asked for a part of an episode, and {EPISODES_ONLY}")
+
+
+def comparable(segments: Sequence[Segment]) -> list[Segment]:
+    """Return episodes without the infinite objective of those that ended early.
+
+    Their violation says how bad they are, which infinity cannot.
+    """
+    return [
+        segment.with_costs(np.zeros(segment.length))
+        if segment.violation > 0 and not np.isfinite(segment.costs[-1])
+        else segment
+        for segment in segments
+    ]

@@ -150,16 +150,17 @@ class Spec:
     def violation_of(self, episode: Episode, value: float) -> float:
         """Return 1 + v / (1 + v), v being the excess; 0 if the limit holds.
 
-        An episode that ended early breaks every limit; the earlier the more.
+        An episode that ended early breaks every limit, and an objective too: by 2, more than any
+        excess, and by the part of the time that it missed.
 
         Args:
             episode: Its signals.
             value: What `of_episode` returned.
         """
-        if not self.hard:
-            return 0.0
         if episode.ended < 1.0 and not self.of_loop:
-            return _graded(NEVER * (2.0 - episode.ended))
+            return 3.0 - episode.ended
+        if not self.hard:
+            return 0.0 if math.isfinite(value) else _graded(NEVER)
         if self.beyond is not None and math.isinf(value):
             graded = self._over_loops(self.beyond, episode)
             value = graded if math.isfinite(graded) else value
