@@ -89,6 +89,7 @@ def report_of(costs, name):
     [
         ("mpc_tracking", "authors_code"),
         ("pid_acc_code", "authors_code"),
+        ("pid_acc_code", "authors_code_annealed"),
     ],
 )
 def test_runs_of_the_authors_code_end_where_the_report_says(task, variant):
