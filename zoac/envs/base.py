@@ -33,6 +33,8 @@ class VecEnv(VectorEnv, ABC):
     """Episodes are truncated at `max_episode_steps`. False: one that gets there is an error."""
     remarks: tuple[str, ...] = ()
     """What a user should know before a run, a sentence each."""
+    saved_by = ""
+    """What saves the state, for messages; empty: deepcopy, and pickle in a checkpoint."""
 
     def __init__(
         self,

@@ -31,6 +31,7 @@ from zoac.envs.single_env import (
     flattened_remarks,
     own_time_limit,
 )
+from zoac.envs.snapshots import restored, saved, saves_itself
 from zoac.specs.signals import INFO, INFO_BEFORE
 
 MAX_EPISODE_STEPS = 10_000
@@ -38,7 +39,7 @@ MAX_EPISODE_STEPS = 10_000
 
 
 class GymnasiumVecEnv(VecEnv):
-    """n copies of a `gymnasium.Env`, stepped one after the other and saved by deep copies."""
+    """n copies of a `gymnasium.Env`, stepped one after the other; see `zoac.envs.snapshots`."""
 
     def __init__(
         self,
@@ -88,6 +89,7 @@ class GymnasiumVecEnv(VecEnv):
         super().__init__(len(envs), observations, actions, limit or MAX_EPISODE_STEPS)
         self.limited = limit is not None
         self.remarks = (*drift_remarks(first), *flattened_remarks(first))
+        self.saved_by = "get_state()" if saves_itself(first) else ""
         self._envs = list(envs)
         self._taken = applied_action_space(first)
         self._make, self._objective = make, Objective(objective)
@@ -236,7 +238,7 @@ class GymnasiumVecEnv(VecEnv):
         """See `VecEnv.state`."""
         rows = np.asarray(env_indices).tolist()
         return {
-            "envs": OwnObject([copy.deepcopy(self._envs[row]) for row in rows]),
+            "envs": OwnObject([saved(self._envs[row]) for row in rows]),
             "draws": [copy.deepcopy(self._draws[row]) for row in rows],
             "seen": self._seen[env_indices].copy(),
             "steps": self._steps[env_indices].copy(),
@@ -248,7 +250,7 @@ class GymnasiumVecEnv(VecEnv):
         envs, draws = state["envs"].value, state["draws"]
         rows = zip(np.asarray(env_indices).tolist(), envs, draws, strict=True)
         for env_index, env, draws in rows:
-            self._envs[env_index] = copy.deepcopy(env)
+            self._envs[env_index] = restored(self._envs[env_index], env)
             self._draws[env_index] = copy.deepcopy(draws)
         self._seen[env_indices] = state["seen"]
         self._steps[env_indices] = state["steps"]

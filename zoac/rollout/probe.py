@@ -63,7 +63,8 @@ def restore_fault(make_env: Callable[[int], VecEnv], pickled: bool = False) -> s
         return f"restored to an earlier state, it fails: {shown}"
     return (
         f"restored to an earlier state, it goes on otherwise at step {step + 1}: "
-        f"{'pickle' if pickled else 'deepcopy'} misses a part, shares it or builds it anew"
+        f"{env.saved_by or ('pickle' if pickled else 'deepcopy')} misses a part, shares it or "
+        "builds it anew"
     )
 
 
