@@ -1,6 +1,7 @@
 """Requirements over episodes: their values, limits and relative excess."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -90,3 +91,65 @@ def test_limits_read_as_people_write_them():
     assert specs.peak("y", max=0.05).limit == "<= 0.05"
     assert specs.peak("y", min=1.0, max=2.0).limit == ">= 1 and <= 2"
     assert str(specs.overshoot("y", "r")) == "overshoot(y, r)"
+
+
+def test_without_python_control_one_message_says_how_to_get_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "control", None)
+    spec = specs.phase_margin(lambda p: object(), min=30.0)
+    with pytest.raises(ConfigError, match=r"pip install 'zoac\[control\]'"):
+        spec.of_parameters({"k": 1.0})
+
+
+def test_a_loop_that_asks_for_an_unknown_parameter_is_told_which_there_are():
+    with pytest.raises(ConfigError, match="asked for 'kp'; known: k, Ti"):
+        specs.gain_margin(lambda p: p["kp"], min=2.0).of_parameters({"k": 1.0, "Ti": 2.0})
+
+
+def test_a_window_looks_at_a_part_of_the_episode():
+    y = np.where(T < 3.0, 1.0, 2.0)  # a disturbance at 3 s
+    assert specs.peak("y", window=(0.0, 2.99)).of_episode(episode(y)) == 1.0
+    assert specs.peak("y", window=(0.0, 3.0)).of_episode(episode(y)) == 2.0
+    assert specs.iae("y", "r", window=(3.0, 4.0)).of_episode(episode(y)) == pytest.approx(1.0)
+    with pytest.raises(ConfigError, match="no sample there; it lasts 5 s"):
+        specs.peak("y", window=(6.0, 7.0)).of_episode(episode(y))
+
+
+def test_of_loops_side_by_side_the_worst_counts_and_of_an_objective_the_mean():
+    y = np.stack([np.full_like(T, 3.0), np.full_like(T, 1.0), np.full_like(T, 2.0)], axis=1)
+    assert specs.peak("y", max=1.0).of_episode(episode(y)) == 3.0
+    assert specs.peak("y", min=1.0).of_episode(episode(y)) == 1.0
+    assert specs.peak("y", min=1.9, max=2.9).of_episode(episode(y)) == 1.0  # breaks by more
+    assert specs.peak("y").of_episode(episode(y)) == 2.0
+    assert specs.iae("y", "r").of_episode(episode(y)) == pytest.approx(5.0)
+
+
+def test_a_figure_may_be_a_function_of_ones_own():
+    def crossings(t, y, r):
+        return np.count_nonzero(np.diff(np.sign(y - r)))
+
+    spec = specs.Spec("crossings", ("y", "r"), crossings, max=1)
+    value = spec.of_episode(episode(1.0 + np.cos(2 * np.pi * T + 0.1)))
+    assert value == 10
+    assert spec.excess(value) == 9.0
+    assert spec.label == "crossings(y, r) <= 1"
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [([1.0, math.inf], math.inf), ([-math.inf, math.inf], math.inf), ([1.0, 2.0], 1.5)],
+)
+def test_a_mean_over_episodes_without_a_value_is_the_worst(values, told):
+    assert specs.peak("y").over_episodes(values) == told
+
+
+def test_worst_over_episodes_with_two_limits_is_the_one_that_breaks_by_more():
+    spec = specs.peak("y", min=1.0, max=2.0)
+    assert spec.over_episodes([1.5, 0.2, 2.1]) == 0.2
+    assert spec.over_episodes([1.5, 0.9, 2.8]) == 2.8
+
+
+def test_the_later_an_episode_ends_the_less_it_breaks_and_always_more_than_any_excess():
+    spec = specs.overshoot("y", "r", max=0.05)
+    early, late = (spec.violation_of(episode(T, ended=e), math.inf) for e in (0.1, 0.9))
+    without_bound = spec.violation_of(episode(np.full_like(T, np.nan)), math.inf)
+    assert 1.0 < without_bound < 2.0 < late < early <= 3.0
