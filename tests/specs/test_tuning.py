@@ -4,6 +4,7 @@ import json
 import math
 import re
 import signal
+from dataclasses import replace
 
 import cloudpickle
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 
 import zoac
 from tests.specs.loops_to_tune import SIGNALS, Diverging, FirstOrder, proportional, tuned
+from zoac.baselines import random_search
+from zoac.baselines.random_search import RandomSearch
 from zoac.config.compose import compose_config
 from zoac.config.files import choices
 from zoac.config.validate import locate
@@ -252,9 +255,40 @@ def test_specs_and_signals_can_be_pickled():
 
 
 @pytest.mark.parametrize("tuner", ["zoac", "zoac_plus"])
-def test_tuners_of_parts_of_episodes_are_refused_at_once(tuner):
-    with pytest.raises(ConfigError, match="give a tuner that asks for these: cmaes_full, bo"):
-        tuned(tuner=tuner)
+def test_tuners_of_parts_of_episodes_are_refused_before_anything_is_run(tuner, tmp_path):
+    said = r"Zoac\w* sees parts of episodes, and .* asks for these: cmaes_full, bo"
+    with pytest.raises(ConfigError, match=said):
+        tuned(tuner=tuner, folder=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+class Parts(RandomSearch):
+    """A tuner that does not say that it asks for parts of episodes."""
+
+    def ask(self):
+        return [replace(proposal, horizon=3) for proposal in super().ask()]
+
+
+def test_a_tuner_that_asks_for_a_part_all_the_same_is_stopped(monkeypatch):
+    monkeypatch.setattr(random_search, "RandomSearch", Parts)
+    with pytest.raises(ConfigError, match="the tuner asked for a part of an episode, and specs"):
+        tuned()
+
+
+def test_a_run_with_another_function_behind_a_spec_or_signal_is_another_run(tmp_path):
+    def own_figure(factor):
+        figure = zoac.specs.Spec("mine", ("y",), lambda t, y: factor * y[-1], max=9.0)
+        return {"specs": [figure], "folder": tmp_path / "figure"}
+
+    def own_signal(factor):
+        signals = {**SIGNALS, "y": lambda segment: factor * segment.observations[:, 0]}
+        return {"signals": signals, "folder": tmp_path / "signal"}
+
+    for changed in (own_figure, own_signal):
+        first = tuned(budget=80, **changed(1.0))
+        assert tuned(budget=80, **changed(1.0)).specs.equals(first.specs)
+        with pytest.raises(zoac.core.errors.RunFolderError, match="another configuration"):
+            tuned(budget=80, **changed(2.0))
 
 
 @pytest.mark.parametrize(
