@@ -42,8 +42,8 @@ class Summary:
         iqm: Interquartile mean of the seeds' costs and its interval.
         minus_nominal: Mean cost minus that of the nominal controller, paired.
         prediction_error: Over seeds.
-        violations: Fraction of the episodes of the evaluation that violate a constraint, over
-            seeds; None without constraints.
+        violations: Fraction of the episodes of the evaluation that violate a constraint or
+            break a hard spec, over seeds; None without either.
         wall_seconds: Over seeds, including evaluation.
         compute_seconds: Over seeds, including evaluation, summed over all processes.
         choices: What the tuner chose in every seed: start, noise model, recommendation, ...
