@@ -80,11 +80,21 @@ def test_figures_of_a_loop_need_no_episode():
         ({"max": 1.0, "min": 2.0}, "min=2.0 lies above max=1.0"),
         ({"over": "best"}, "over='best'; expected 'worst', 'mean' or cvar"),
         ({"weight": 0.0}, "weight=0.0"),
+        ({"window": (2.0, 1.0)}, r"window=\(2.0, 1.0\), expected \(from, to\) in seconds"),
+        ({"over": "worst"}, "over='worst' without a limit"),
+        ({"max": "5%"}, "max='5%', expected a finite number"),
     ],
 )
 def test_what_cannot_be_required_is_refused(arguments, said):
     with pytest.raises(ConfigError, match=said):
         specs.peak("y", **arguments)
+
+
+def test_a_loop_needs_a_limit_and_has_no_window():
+    with pytest.raises(ConfigError, match="gain_margin: a figure of a loop needs a limit"):
+        specs.gain_margin(lambda p: None)
+    with pytest.raises(ConfigError, match="gain_margin: window=.*a loop has no time"):
+        specs.gain_margin(lambda p: None, min=2.0, window=(0.0, 1.0))
 
 
 def test_limits_read_as_people_write_them():

@@ -14,7 +14,8 @@ import zoac
 from tests.specs.loops_to_tune import SIGNALS, Diverging, FirstOrder, proportional, tuned
 from zoac.baselines import random_search
 from zoac.baselines.random_search import RandomSearch
-from zoac.config.compose import compose_config
+from zoac.config.compose import compose_config, resolved
+from zoac.config.factory import build_settings, build_tuner
 from zoac.config.files import choices
 from zoac.config.validate import locate
 from zoac.core.errors import ConfigError, EnvironmentContractError
@@ -365,6 +366,19 @@ def test_info_survives_a_restored_state():
 def test_info_that_is_not_there_is_named():
     with pytest.raises(EnvironmentContractError, match=r"reset returned None as info\['speed'\]"):
         episodes([3.0], signals={"y": zoac.info("speed")}, specs=[zoac.specs.peak("y", max=1.0)])
+
+
+@pytest.mark.parametrize("name", choices("tuner"))
+def test_a_tuner_says_whether_it_asks_for_whole_episodes(name):
+    task = user_task(
+        env=FirstOrder, controller=lambda params, obs: [params["k"] * (params["r"] - obs[0])],
+        space={"k": (0.5, 12.0), "r": (0.5, 1.5)}, baseline={"k": 1.0, "r": 1.0},
+        max_episode_steps=40,
+    )  # fmt: skip
+    config = resolved(compose_config([f"tuner={name}", "budget=4000", "num_envs=2"]))
+    tuner = build_tuner(config["tuner"], task, build_settings(config))
+    proposals = tuner.ask()
+    assert tuner.whole_episodes == all(p.horizon is None for p in proposals)
 
 
 def test_the_message_names_the_tuners_of_whole_episodes_and_no_other():

@@ -90,6 +90,8 @@ class Spec:
             raise ConfigError(
                 f"{self}: window={self.window!r}, expected (from, to) in seconds, such as (0, 2.5)"
             )
+        if self.of_loop and self.window is not None:
+            raise ConfigError(f"{self.name}: window={self.window!r}, and a loop has no time")
         if not self.hard and self.of_loop:
             raise ConfigError(f"{self}: a figure of a loop needs a limit: give max= or min=")
         if not self.hard and self.over not in (None, "mean"):
