@@ -119,6 +119,23 @@ def test_a_result_fits_a_terminal_and_shows_specs_before_and_after(result):
     assert re.search(r"0.5\d* UNMET -> 0.19\d* met$", line)
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"acceptance_test": 0.4, "budget": 4000},
+        {"select": "best_evaluated", "budget": 3000},
+        {"initial_samples": 10, "tuner": "es", "budget": 3000},
+        {"common_random_numbers": True},
+    ],
+    ids=["acceptance_test", "select", "initial_samples", "common_random_numbers"],
+)
+def test_what_any_tuner_is_combined_with_puts_specs_before_the_cost(options):
+    """The baseline costs a quarter of what the specs need."""
+    found = tuned(**options)
+    assert found.feasible
+    assert found.cost_mean > 4.0 * found.baseline_cost_mean
+
+
 def test_a_broken_spec_is_told_in_table_and_warnings():
     hopeless = zoac.specs.steady_state_error("y", "r", max=0.001)
     found = tuned(specs=[hopeless], budget=400)
