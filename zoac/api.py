@@ -212,6 +212,7 @@ def tune(
     if checked.failure_penalty is not None:
         the_task.failure_penalty = checked.failure_penalty
     identified, doubts = with_code(config, the_task)
+    where = Path(folder or tempfile.mkdtemp(prefix="zoac-")).expanduser()
     run = Run(
         identity={"task": _name(task, env), "tuner": tuner, "seed": checked.seed},
         config=identified,
@@ -221,10 +222,9 @@ def tune(
         tuner=factory.build_tuner(config["tuner"], the_task, checked),
         executor=factory.build_executor(config),
         settings=checked,
-        loggers=[] if quiet else [Console(checked.budget)],
+        loggers=[] if quiet else [Console(checked.budget, where)],
         quiet=quiet,
     )
-    where = Path(folder or tempfile.mkdtemp(prefix="zoac-")).expanduser()
     again = "the same call" if folder else f"the same call with folder={str(where)!r}"
     try:
         result = execute(run, where, again)

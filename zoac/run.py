@@ -49,8 +49,6 @@ WITH_VALUE = (
 LOCAL_LAUNCHERS = ("joblib", "submitit_local")
 """Launchers whose jobs are processes of this machine, which end with the sweep."""
 
-# Where Hydra's callback, which may be of a second copy of this module, tells `main` of a sweep.
-_SWEEP = "ZOAC_SWEEP"
 # Not empty once a configuration has been composed: what is raised before is about the overrides.
 _composed: list[bool] = []
 
@@ -61,7 +59,7 @@ class SweepStart(Callback):
     def on_multirun_start(self, config: DictConfig, **more: Any) -> None:
         """Fix the sweep's folder, and the environment that jobs' processes inherit."""
         folder = str(Path(config.hydra.sweep.dir).expanduser().absolute())
-        os.environ[_SWEEP] = folder
+        os.environ[lifeline.SWEEP] = folder
         # Composed anew for each job, where runs_dir may differ and another folder be the current.
         kept = folder.replace("${", "\\${")
         quoted = folder.replace("\\", "\\\\").replace("'", "\\'").replace("${", "\\${")
@@ -158,7 +156,7 @@ def main() -> None:
     sys.argv = [sys.argv[0], *arguments]
     # Hydra then hands its exceptions on instead of printing them, and we say it in one message.
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")
-    os.environ.pop(_SWEEP, None)
+    os.environ.pop(lifeline.SWEEP, None)
     if os.getcwd() not in sys.path:  # `zoac` instead of `python -m zoac.run`: a user's modules
         sys.path.insert(0, os.getcwd())
     gave_up = ""
@@ -179,22 +177,24 @@ def main() -> None:
         sys.exit(f"error: {explain(error, arguments)}")
     except KeyboardInterrupt as stop:
         told = (
-            f"{sweep_report.report(Path(os.environ[_SWEEP]))[0]}\n" if _SWEEP in os.environ else ""
+            f"{sweep_report.report(Path(os.environ[lifeline.SWEEP]))[0]}\n"
+            if lifeline.is_job()
+            else ""
         )
         print(f"{told}{str(stop) or 'interrupted'}", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
         raise
     except Exception as error:
-        sweeping = _SWEEP in os.environ and sweep_report.has_begun(Path(os.environ[_SWEEP]))
+        sweeping = lifeline.is_job() and sweep_report.has_begun(Path(os.environ[lifeline.SWEEP]))
         if not _composed and not sweeping:  # Hydra answers some odd overrides with a ValueError
             sys.exit(f"error: {explain(error, arguments)}")
         if not sweeping:
             raise
         # Jobs do not raise: it is the launcher, whose job has died.
         gave_up = f"\nthe launcher gave up: {type(error).__name__}: {error}"
-    if _SWEEP in os.environ:
-        told, all_done = sweep_report.report(Path(os.environ[_SWEEP]))
+    if lifeline.is_job():
+        told, all_done = sweep_report.report(Path(os.environ[lifeline.SWEEP]))
         if gave_up or not all_done:
             sys.exit(f"{told}{gave_up}\nThe same command again does only what is not done.")
         print(told)

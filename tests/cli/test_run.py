@@ -146,7 +146,7 @@ def test_a_second_signal_stops_at_once(tmp_path):
     assert process.stdout is not None
     assert process.stderr is not None
     try:
-        while "evaluation cost" not in process.stdout.readline():
+        while " | cost " not in process.stdout.readline():
             assert process.poll() is None
         process.send_signal(signal.SIGINT)
         while "once more stops at once" not in (line := process.stderr.readline()):

@@ -93,7 +93,7 @@ def test_a_preempted_job_is_requeued_and_ends_on_the_same_bits(tmp_path):
     assert code == 0, err
     log = "".join(p.read_text() for p in (tmp_path / "parts").rglob("*_log.out"))
     assert "Requeued job" in log
-    assert log.count("| 0/40,000 steps |") == 1  # it went on, and did not begin anew
+    assert log.count(" 0 steps |") == 1  # it went on, and did not begin anew
     assert results(tmp_path / "parts" / "runs") == results(tmp_path / "whole" / "runs")
 
 

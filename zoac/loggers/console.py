@@ -1,73 +1,105 @@
-"""One line per evaluation, and on a terminal a line that moves in between."""
+"""What a run says: on a terminal one line that moves, elsewhere a short line per evaluation."""
 
 from __future__ import annotations
 
 import io
+import shlex
 import sys
-import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, TextIO
+
+import numpy as np
+from tqdm import tqdm
 
 from zoac.specs.verdict import lines, restored
 
+MAX_PARAMETERS = 10
+"""Parameters that the last lines show; the rest are counted."""
+
 
 class Console:
-    """One line per evaluation, and on a terminal a line that moves in between."""
+    """Standard output, or another stream."""
 
-    def __init__(self, budget: int, stream: TextIO | None = None) -> None:
-        self._budget = budget
+    def __init__(
+        self,
+        budget: int,
+        folder: Path | None = None,
+        stream: TextIO | None = None,
+        job: bool = False,
+    ) -> None:
+        """
+        Args:
+            budget: Environment steps.
+            folder: The run folder, to be named at the end.
+            stream: Where to; None: standard output, if there is one.
+            job: Other jobs write to the same stream, so that each line names its seed.
+        """
+        self._budget, self._folder, self._job = budget, folder, job
         # There is no standard output in a program without a console.
         self._stream = stream or sys.stdout or io.StringIO()
-        self._live = self._stream.isatty()
-        self._name = ""
+        self._live = not job and (self._stream.isatty() or _is_notebook())
+        self._bar: tqdm[Any] | None = None
+        self._seed = ""
+        self._units: dict[str, str] = {}
         self._first: tuple[float, int] | None = None
-        self._shown = 0.0
+        self._best = np.inf
 
     def start(self, run: Mapping[str, Any]) -> None:
         """Print what runs, and the tuner's choices that a comparison must show."""
         variant = f" {run['variant']}" if run["variant"] else ""
-        self._name = f"{run['task']} {run['tuner']} seed={run['seed']}{variant}"
+        self._seed = f"seed={run['seed']} " if self._job else ""
+        self._units = {p["name"]: p["unit"] for p in run.get("parameters", [])}
         told = f", minimising {run['objective']}" if run.get("objective") else ""
-        self._print(f"{self._name}: {self._budget:,} steps{told}")
+        name = f"{run['task']} {run['tuner']} seed={run['seed']}{variant}"
+        self._print(f"{name}: {self._budget:,} steps{told}")
         if run.get("episodes"):
             self._print(f"  episodes: {run['episodes']}")
         for choice, value in run["tuner_choices"].items():
-            self._print(f"  {choice}: {value}")
+            shown = format(value, ".6g") if isinstance(value, float) else value
+            self._print(f"  {choice}: {shown}")
 
     def row(self, row: Mapping[str, Any]) -> None:
         """Show progress."""
         if self._first is None:
             self._first = (row["wall_seconds"], row["env_steps"])
+            if self._live:
+                self._bar = tqdm(
+                    total=self._budget, initial=row["env_steps"], file=self._stream, leave=False,
+                    unit=" steps", unit_scale=True, dynamic_ncols=True, mininterval=0.5,
+                )  # fmt: skip
         if "first_failure" in row:
             self._print(f"  the first step that failed, priced: {row['first_failure']}")
         if row["kind"] == "eval":
-            what = "final" if row["final"] else "evaluation"
+            self._best = min(self._best, row["cost_mean"])
+        if self._bar is not None:
+            self._bar.update(max(0, row["env_steps"] - self._bar.n))
+            if row["kind"] == "eval":
+                shown = {"cost": f"{row['cost_mean']:.4g}", "best": f"{self._best:.4g}"}
+                failed = {"terminated": row["terminations"]} if row["terminations"] else {}
+                self._bar.set_postfix({**shown, **failed})
+        elif row["kind"] == "eval":
             ended = f", {row['terminations']} terminated" if row["terminations"] else ""
-            cost = f"{what} cost {row['cost_mean']:.4g}"
-            episodes = f"over {len(row['cost_per_episode'])} episodes"
-            self._print(f"{self._progress(row)} | {cost} {episodes}{ended}")
-        elif self._live and time.monotonic() - self._shown > 0.5:
-            self._shown = time.monotonic()
-            self._stream.write(f"\r\033[K{self._progress(row)}")
-            self._stream.flush()
+            final = "final " if row["final"] else ""
+            self._print(f"{self._progress(row)} | {final}cost {row['cost_mean']:.4g}{ended}")
 
     def finish(self, result: Mapping[str, Any]) -> None:
-        """Print the tuned parameters, how they compare to the baseline values, and warnings."""
-        for name, value in result["parameters"].items():
-            self._print(f"  {name} = {format(value, '.6g') if isinstance(value, float) else value}")
-        if (acceptance_test := result.get("acceptance_test")) is not None:
-            verdict = (
-                "the answer beats" if acceptance_test["accepted"] else "no better was found, it is"
-            )
-            pairs = f"{acceptance_test['pairs']} pairs of episodes"
+        """Print cost before and after, parameters, specs, warnings, and where the run lies."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+        parameters = result["parameters"]
+        for name, value in list(parameters.items())[:MAX_PARAMETERS]:
+            number = format(value, ".6g") if isinstance(value, float) else value
+            self._print(f"  {name} = {number} {self._units.get(name, '')}".rstrip())
+        if (more := len(parameters) - MAX_PARAMETERS) > 0:
+            self._print(f"  and {more} more in result.json")
+        self._print(f"  {_costs(result)}")
+        if (test := result.get("acceptance_test")) is not None:
+            verdict = "the answer beats" if test["accepted"] else "no better was found, it is"
+            pairs = f"{test['pairs']} pairs of episodes"
             self._print(
-                f"  acceptance test: {verdict} the baseline values, {pairs}: "
-                f"{acceptance_test['text']}"
-            )
-        if (start := result.get("baseline_cost_mean")) is not None:
-            episodes = f"the same {len(result['cost_per_episode'])} episodes"
-            self._print(
-                f"  cost {result['cost_mean']:.4g}, baseline values {start:.4g} on {episodes}"
+                f"  acceptance test: {verdict} the baseline values, {pairs}: {test['text']}"
             )
         for line in lines([restored(row) for row in result.get("specs", [])]):
             self._print(f"  {line}")
@@ -75,26 +107,54 @@ class Console:
             self._print(f"  failures: {result['failures']}, the first: {result['first_failure']}")
         for sentence in result["warnings"]:
             self._print(f"  WARNING: {sentence}")
+        if self._folder is not None:
+            folder = shlex.quote(str(self._folder))
+            self._print(f"  run folder: {folder}")
+            if not self._job:
+                self._print(f"  a page about it: python -m zoac.analysis.report {folder}")
 
     def _progress(self, row: Mapping[str, Any]) -> str:
         """Return steps, time so far and time left, from the rate since this process began."""
         assert self._first is not None
         wall, steps = row["wall_seconds"], row["env_steps"]
         done = steps - self._first[1]
-        text = f"{self._name} | {steps:,}/{self._budget:,} steps | {_clock(wall)}"
+        left = ""
         if done > 0 and steps < self._budget:
-            left = (wall - self._first[0]) / done * (self._budget - steps)
-            text += f", about {_clock(left)} left"
-        return text
+            seconds = (wall - self._first[0]) / done * (self._budget - steps)
+            left = f", {_clock(seconds)} left"
+        return f"{self._seed}{steps:>9,} steps | {_clock(wall)}{left}"
 
     def _print(self, text: str) -> None:
-        clear = "\r\033[K" if self._live else ""
+        if self._bar is not None:
+            self._bar.clear()
         encoding = getattr(self._stream, "encoding", None) or "utf-8"
         known = text.encode(encoding, errors="backslashreplace").decode(encoding)
-        print(f"{clear}{known}", file=self._stream, flush=True)
+        print(known, file=self._stream, flush=True)
+        if self._bar is not None:
+            self._bar.refresh()
+
+
+def _costs(result: Mapping[str, Any]) -> str:
+    """Return the mean cost, of the baseline values too, with half the width of a 95% interval."""
+    told = f"cost {_interval(result['cost_per_episode'])}"
+    if (baseline := result.get("baseline")) is not None:
+        told += f", baseline values {_interval(baseline['cost_per_episode'])}"
+    same = "the same " if baseline is not None else ""
+    return f"{told} on {same}{len(result['cost_per_episode'])} episodes"
+
+
+def _interval(costs: Any) -> str:
+    numbers = np.asarray(costs, dtype=np.float64)  # null where a cost was not finite
+    half = 1.96 * numbers.std(ddof=1) / np.sqrt(len(numbers)) if len(numbers) > 1 else np.nan
+    return f"{numbers.mean():.4g}" + (f" ± {half:.2g}" if half > 0 else "")
 
 
 def _clock(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+    # Whole seconds, without a fraction that nobody can use.
+    return tqdm.format_interval(round(seconds))
+
+
+def _is_notebook() -> bool:
+    """Tell whether this is a Jupyter notebook, whose output can be overwritten too."""
+    shell = sys.modules.get("IPython")
+    return shell is not None and type(shell.get_ipython()).__name__ == "ZMQInteractiveShell"

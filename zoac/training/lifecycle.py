@@ -25,8 +25,8 @@ from zoac.rollout.task import Task
 from zoac.runs import provenance, schema
 from zoac.runs.lock import HeldError, locked
 from zoac.runs.log import RunLog
+from zoac.training import lifeline
 from zoac.training.identity import run_folder, with_code
-from zoac.training.lifeline import is_cut
 from zoac.training.trainer import Trainer
 
 
@@ -79,6 +79,7 @@ def run_session(
         RunFolderError: If the folder holds another run, is damaged or in use.
     """
     settings = factory.build_settings(config)
+    folder = run_folder(config, task, tuner)
     the_task = factory.build_task(config)
     identified, doubts = with_code(config, the_task)
     run = Run(
@@ -90,9 +91,12 @@ def run_session(
         tuner=factory.build_tuner(config["tuner"], the_task, settings),
         executor=factory.build_executor(config),
         settings=settings,
-        loggers=[*factory.build_loggers(config), Console(settings.budget)],
+        loggers=[
+            *factory.build_loggers(config),
+            Console(settings.budget, folder, job=lifeline.is_job()),
+        ],
     )
-    return execute(run, run_folder(config, task, tuner))
+    return execute(run, folder)
 
 
 def execute(run: Run, folder: Path, again: str = "the same command") -> dict[str, Any]:
@@ -271,7 +275,7 @@ def _stop_on_signal() -> Iterator[Any]:
     except ValueError:  # not the main thread: signals belong to somebody else
         earlier = {}
     try:
-        yield lambda: asked or is_cut()
+        yield lambda: asked or lifeline.is_cut()
     finally:
         for number, handler in earlier.items():
             signal.signal(number, handler)

@@ -20,8 +20,16 @@ from zoac.runs.lock import HeldError, locked
 GRACE = 3.0
 """Seconds in which a job may finish its iteration and write a checkpoint."""
 
+SWEEP = "ZOAC_SWEEP"
+"""Environment variable with a sweep's folder, for its jobs."""
+
 _POLL = 0.25
 _cut = threading.Event()
+
+
+def is_job() -> bool:
+    """Tell whether this process runs jobs of a sweep."""
+    return SWEEP in os.environ
 
 
 def hold(folder: Path) -> Callable[[], None]:

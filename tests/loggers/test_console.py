@@ -1,0 +1,81 @@
+"""What a run prints."""
+
+import io
+
+import numpy as np
+import pytest
+
+from zoac.loggers.console import MAX_PARAMETERS, Console
+
+RUN = {
+    "task": "tank",
+    "tuner": "zoac",
+    "seed": 3,
+    "variant": None,
+    "tuner_choices": {"start": "random"},
+    "parameters": [{"name": "p0", "unit": "m^2/s"}],
+}
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def evaluation(steps, cost, final=False):
+    return {"kind": "eval", "env_steps": steps, "wall_seconds": steps / 100, "cost_mean": cost,
+            "cost_per_episode": [cost], "terminations": 4, "final": final}  # fmt: skip
+
+
+def result(**changes):
+    named = {f"p{k}": 0.1 * k for k in range(12)}
+    baseline = {"cost_per_episode": [4.0, 4.0, 4.0]}
+    told = {"cost_mean": 2.0, "cost_per_episode": [1.0, 2.0, 3.0], "baseline": baseline}
+    return {"parameters": named, "warnings": [], **told, **changes}
+
+
+def printed(stream, **options):
+    console = Console(500_000, stream=stream, **options)
+    console.start(RUN)
+    for steps in (0, 250_000, 500_000):
+        console.row(evaluation(steps, 123456.7 / (steps + 1), final=steps == 500_000))
+    console.finish(result())
+    return stream.getvalue()
+
+
+def test_a_line_of_an_evaluation_fits_80_columns_without_the_runs_name():
+    lines = printed(io.StringIO()).splitlines()
+    told = [line for line in lines if " steps | " in line]
+    assert len(told) == 3
+    assert max(map(len, told)) <= 80
+    assert not any("tank" in line or "seed" in line for line in told)
+    assert told[1].split("|")[1].strip() == "41:40, 41:40 left"
+
+
+def test_jobs_side_by_side_name_their_seed():
+    lines = [line for line in printed(io.StringIO(), job=True).splitlines() if " steps | " in line]
+    assert all(line.startswith("seed=3 ") for line in lines)
+
+
+def test_a_terminal_has_one_line_that_moves():
+    text = printed(Terminal())
+    assert " steps | " not in text
+    assert "\r" in text
+    assert "best=0.2469" in text
+
+
+def test_the_last_lines_tell_costs_with_their_interval_and_some_parameters(tmp_path):
+    text = printed(io.StringIO(), folder=tmp_path / "a run")
+    half = 1.96 * np.std([1.0, 2.0, 3.0], ddof=1) / np.sqrt(3)
+    assert f"cost 2 ± {half:.2g}, baseline values 4 on the same 3 episodes" in text
+    assert "p0 = 0 m^2/s" in text
+    assert text.count(" = ") == MAX_PARAMETERS
+    assert "and 2 more in result.json" in text
+    assert f"python -m zoac.analysis.report '{tmp_path}/a run'" in text
+
+
+@pytest.mark.parametrize("costs", [[1.0], [None, 1.0]])
+def test_an_interval_that_cannot_be_told_is_left_out(costs):
+    console = Console(1, stream=(stream := io.StringIO()))
+    console.finish(result(cost_per_episode=costs, baseline=None))
+    assert "±" not in stream.getvalue()
