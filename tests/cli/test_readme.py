@@ -45,10 +45,20 @@ def test_run_commands_compose_and_build(arguments):
     factory.build_executor(config)
 
 
-def test_python_examples_run(monkeypatch, capsys):
-    examples = [text for language, text in BLOCKS if language == "python"]
-    assert examples
-    for example in examples:
+EXAMPLES = [text for language, text in BLOCKS if language == "python"]
+
+
+def test_the_first_example_is_the_script():
+    script = (ROOT / "examples" / "first.py").read_text()
+    assert script.partition("\n\n")[2] == EXAMPLES[0]
+
+
+def test_python_examples_run(monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    for example in EXAMPLES:
         quick = example.replace("budget=20_000", "budget=4_000")
         exec(compile(quick, "README.md", "exec"), {"__name__": "__main__"})
-    assert "instead of" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert printed.count("  met\n") == 3
+    assert "instead of" in printed
+    assert (tmp_path / "step.svg").stat().st_size > 1000

@@ -1,6 +1,7 @@
 """Signals over seconds: the exported table, the figure before and after, and traces."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import zoac
@@ -8,6 +9,7 @@ from tests.specs.loops_to_tune import SIGNALS, FirstOrder, proportional, tuned
 from zoac.core.errors import RunFolderError
 from zoac.core.segments import Proposal
 from zoac.rollout.engine import RolloutEngine
+from zoac.runs import responses
 from zoac.tasks.user_task import user_task
 
 SPECS = [
@@ -88,3 +90,10 @@ def test_traces_have_names_units_seconds_reference_and_limits():
     assert (y.reference[1] == 1.0).all()
     assert y.limits == pytest.approx((1.05, 1.25, 0.75))
     assert (u.reference, u.limits) == (None, (6.0,))
+
+
+def test_of_loops_side_by_side_the_first_is_drawn():
+    columns = ["parameters", "time", "y 1", "y 2", "y 10", "speed 1", "u 1", "u 2"]
+    table = pd.DataFrame([range(len(columns))], columns=columns)
+    assert list(responses.first_loop(table).columns) == ["parameters", "time", "y", "speed 1", "u"]
+    assert responses.first_loop(table)["u"][0] == 6

@@ -84,8 +84,18 @@ def read(folder: Path) -> pd.DataFrame:
     return table
 
 
+def first_loop(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the table with the first of several loops side by side only, under the plain name."""
+    columns = list(table.columns)
+    first = {c: c[:-2] for c in columns if c.endswith(" 1") and f"{c[:-2]} 2" in columns}
+    others = [c for c in columns if c.rpartition(" ")[0] in first.values() and c not in first]
+    return table.drop(columns=others).rename(columns=first)
+
+
 def plot(folder: Path, record: Mapping[str, Any]) -> Figure:
     """Return a figure with axes for each signal that is not the reference of another.
+
+    Of loops side by side the first is shown.
 
     Args:
         folder: The run folder.
@@ -96,7 +106,7 @@ def plot(folder: Path, record: Mapping[str, Any]) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    table, signals = read(folder), schema.read_run(folder).get("signals", {})
+    table, signals = first_loop(read(folder)), schema.read_run(folder).get("signals", {})
     specs = record.get("specs", [])
     named = guides.references(specs)
     shown = [name for name in table.columns[2:] if name not in named.values()]
