@@ -26,6 +26,7 @@ from zoac.tasks.user_task import user_task
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 EPISODES = 1000
 """Simulated experiments per plant; measured on `benchmarks/loops.py`."""
@@ -64,6 +65,10 @@ class PidResult:
     def feasible(self) -> bool:
         """Whether the gains keep every hard spec."""
         return self.run.feasible
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Return the responses before and after, with the limits; see `Result.plot`."""
+        return self.run.plot(path)
 
     def standard(self) -> dict[str, float]:
         """Return the gains in standard form, K (1 + 1 / (Ti s) + Td s / (Td / N s + 1))."""
