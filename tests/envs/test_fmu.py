@@ -134,10 +134,11 @@ def test_its_state_is_saved_and_restored_also_into_another_instance(path):
     for _ in range(7):
         one.step([1.0])
     state = one.get_state()
-    expected = [one.step([0.3])[0].tolist() for _ in range(3)]
+    expected = [(o.tolist(), *rest) for o, *rest in (one.step([0.3]) for _ in range(93))]
+    assert expected[-1][3]  # the end of the episode
     other.reset(seed=0)
     other.set_state(state)
-    assert [other.step([0.3])[0].tolist() for _ in range(3)] == expected
+    assert [(o.tolist(), *rest) for o, *rest in (other.step([0.3]) for _ in range(93))] == expected
 
 
 def test_one_that_cannot_be_saved_serves_tuners_of_whole_episodes(build):
