@@ -136,6 +136,7 @@ def test_a_result_counts_once_and_another_is_refused(tmp_path):
     told = made.tell(trial, {"cost": 2.5, "metrics": {"energy": 1.0}})
     lines = (tmp_path / JOURNAL).read_bytes()
     assert made.tell(1, 2.5, metrics={"energy": 1.0}) == told
+    assert made.tell(made.history["number"][0], told.cost, metrics=told.metrics) == told
     assert (tmp_path / JOURNAL).read_bytes() == lines
     for other in ({"cost": 3.0}, {"failed": "tripped"}):
         with pytest.raises(StudyError, match=r"trial 1 has a result already: cost 2\.5"):

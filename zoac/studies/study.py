@@ -192,7 +192,7 @@ class Study:
         return self._end(trial, "abandoned", reason)
 
     def _end(self, trial: Trial | int, kind: str, result: Measured | str) -> Trial:
-        number = trial.number if isinstance(trial, Trial) else trial
+        number = trial.number if isinstance(trial, Trial) else int(trial)
         with self._mutex, self._journal.writing():
             self._refresh()
             if not self._ledger.has(number, kind, result):
