@@ -139,8 +139,8 @@ def tune(
         quiet: Print nothing.
         cost: Instead of an environment: a function of {name: value} that makes an experiment and
             returns its cost, or a dict of `cost`, `metrics` and `constraints`; or `zoac.program`.
-            The run is then a `zoac.Study`, whose options apply, and `constraints` are limits by
-            name.
+            The run is then a `zoac.Study`, whose options apply; `constraints` are limits by name,
+            and the default tuner stands for "auto".
         experiments: Calls of `cost`, 60 by default; nothing else is run.
         workers: Calls of `cost` at a time, in threads; 1 by default.
         settings: `num_envs`, `initial_sigma`, `acceptance_test`, `select`, `initial_samples`,
