@@ -215,7 +215,7 @@ CASES = [
     Case("task.jerk=rat", ("task.jerk='rat'", "did you mean 'rate'")),
     Case("task.preceding_std=-1", ("task.preceding_std=-1", "greater than or equal to 0")),
     Case("task.max_episode_steps=0", ("task.max_episode_steps=0", "greater than or equal to 1")),
-    Case("fidelity.jerk=rat", ("'rat'", "did you mean 'rate'")),
+    Case("task.jerk=rat", ("'rat'", "did you mean 'rate'")),
     Case("task=mpc_tracking task.mpc.horizon=0", ("task.mpc.horizon=0", "greater than")),
     Case("task=mpc_tracking task.mpc.linearisations=often",
          ("task.mpc.linearisations='often'", "'converged'")),

@@ -197,6 +197,10 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
         return f"~{found[1]}: this key is needed; give it a value instead: {found[1]}=<value>"
     if found := re.search(r"Missing mandatory value: (\w+)", text):
         return f"{found[1]}: a value is needed; {suggest('', _choices(found[1]))}"
+    if found := re.search(r"interpolation '(.*)', possible interpolation keys: (.*)", text):
+        missing = set(re.findall(r"\$\{(\w+)\}", found[1])) - set(found[2].split(", "))
+        group = min(missing, default="")
+        return f"{group}: a value is needed; {suggest('', _choices(group))}"
     if "nterpolation" in text and (place := getattr(cause, "full_key", None)):
         return f"{place}: {text}"
     for launcher, extra in EXTRA_OF_LAUNCHER.items():
