@@ -61,6 +61,7 @@ def main() -> None:
     """Tune with several seeds; print the cost beside that of the published gains."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--tuner", default="auto")
     given = parser.parse_args()
     for seed in range(given.seeds):
         begun = time.perf_counter()
@@ -69,7 +70,8 @@ def main() -> None:
             controller=PID(sample_time=SAMPLE_TIME, r=1),
             space=SPACE,
             baseline=PUBLISHED,  # compared with on the same episodes
-            tuner_options={"start": "middle"},  # but the search does not begin there
+            tuner=given.tuner,
+            tuner_options={"start": "random"},  # the search does not begin at these gains
             max_episode_steps=STEPS,
             final_episodes=500,
             seed=seed,

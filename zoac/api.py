@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from zoac.config import factory, fingerprint
+from zoac.config.auto_tuner import tuner_for
 from zoac.config.files import configuration
 from zoac.config.settings import Evaluation, Settings, whole_numbers
 from zoac.core.errors import ConfigError, Interrupted, option_names, suggest
@@ -66,7 +67,7 @@ def tune(
     env: EnvSource | None = None,
     controller: Any = None,
     space: ParameterSpace | Mapping[str, Any] | None = None,
-    tuner: str = "zoac",
+    tuner: str = "auto",
     budget: int = 50_000,
     seed: int = 0,
     baseline: Mapping[str, Any] | None = None,
@@ -104,11 +105,10 @@ def tune(
         space: Bounds by name: `(low, high)`, `(low, high, "log")`, a dict with `low`, `high`,
             `scale`, `unit`, `baseline`; `(low, high, "integer")`; a dict with `choices`; or one
             number, which is fixed.
-        tuner: Name of a tuner's config: "zoac", "cmaes", "bo", "random", ...
+        tuner: Name of a tuner's config: "zoac", "bo", ...; "auto": see `zoac.config.auto_tuner`.
         budget: Environment steps for tuning.
         seed: Of everything.
-        baseline: Values in use today. The tuner begins there if it takes a start; their cost is
-            reported beside the result.
+        baseline: Values in use today, with which the result is compared. A tuner may begin there.
         metrics: Reported beside the cost: `Metric`s, or functions of a segment by name.
         constraints: What must hold at every step, likewise; see `zoac.rollout.constraints`.
         max_episode_steps: Cut episodes here; needed if the environment does not end by itself.
@@ -124,8 +124,8 @@ def tune(
         sample_time: Seconds of a step; None: the environment's attribute `sample_time` or `dt`, or
             what its metadata say.
         specs: Requirements on whole episodes, such as `zoac.specs.overshoot("y", "r", max=0.05)`.
-            Parameters that keep them rank before all that do not. Needs a tuner that asks for
-            whole episodes, such as "cmaes_full".
+            Parameters that keep them rank before all that do not; held-out episodes choose the
+            answer, see `zoac.strategies.held_specs`.
         tuner_options: By name, such as {"exploration": {"sigma": 0.05}}.
         executor: "auto" (worker processes where steps are slow enough to pay), "serial" or
             "process".
@@ -177,6 +177,9 @@ def tune(
     if resume not in RESUME:
         raise ConfigError(f"resume={resume!r}; {suggest(resume, RESUME)}")
     the_task = _task(task, env, controller, space, of_task)
+    if tuner == "auto":
+        tuner, more = tuner_for(the_task, budget)
+        settings = {**more, **settings}
     config = configuration(
         task=task if isinstance(task, str) else None,
         tuner=tuner,

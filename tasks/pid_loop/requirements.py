@@ -122,4 +122,4 @@ def signals_of(loops: int, which: Sequence[int]) -> dict[str, Signal]:
 
 def _columns(of: str, which: np.ndarray, segment: Segment) -> np.ndarray:
     samples: np.ndarray = getattr(segment, of)[:, which]
-    return samples
+    return samples if len(which) > 1 else samples[:, 0]

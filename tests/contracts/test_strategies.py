@@ -19,6 +19,7 @@ from zoac.strategies.acceptance_test import AcceptanceTest
 from zoac.strategies.base import TunerStrategy
 from zoac.strategies.best_evaluated import SELECTION_FRACTION, BestEvaluated
 from zoac.strategies.held_out import search_budget
+from zoac.strategies.held_specs import FRACTION, HeldSpecs
 from zoac.strategies.initial_design import CommonRandomNumbers, InitialDesign
 
 BUDGET, NUM_ENVS, STEPS = 210, 4, 7
@@ -34,6 +35,7 @@ MAKE = {
         build(with_budget_left(p, SELECTION_FRACTION)), p, every=70
     ),
     InitialDesign: lambda p, build: InitialDesign(p, 6, build),
+    HeldSpecs: lambda p, build: HeldSpecs(build(with_budget_left(p, FRACTION)), p),
     CommonRandomNumbers: lambda p, build: CommonRandomNumbers(build(p), p.seed),
 }
 

@@ -19,6 +19,7 @@ from zoac.strategies.acceptance_test import AcceptanceTest
 from zoac.strategies.around_baseline import around_baseline
 from zoac.strategies.best_evaluated import SELECTION_FRACTION, BestEvaluated
 from zoac.strategies.held_out import search_budget
+from zoac.strategies.held_specs import FRACTION, HeldSpecs
 from zoac.strategies.initial_design import CommonRandomNumbers, InitialDesign
 
 
@@ -103,6 +104,9 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
     env.close()
     if task.specs:
         _refuse_parts_of_episodes(node)
+    if task.held_specs and any(spec.hard and not spec.of_loop for spec in task.specs):
+        left = replace(whole, budget=search_budget(whole.budget, FRACTION))
+        return HeldSpecs(build_tuner_for(node, left, settings), whole)
     return build_tuner_for(node, whole, settings)
 
 

@@ -46,6 +46,8 @@ class Task(ABC):
     baseline: Mapping[str, Any] | None = None
     """Present values of the parameters in `space`, to compare with, for tasks that have them."""
 
+    held_specs = True
+    """Whether held-out episodes choose an answer under hard specs: `zoac.strategies.held_specs`."""
     preset: str | None = None
     """Folder of `conf/preset` with the tuners' options that suit this task."""
 

@@ -1,0 +1,55 @@
+"""The answer under hard specs keeps them in episodes that the search did not see."""
+
+import numpy as np
+
+from zoac.baselines.random_search import RandomSearch
+from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.core.segments import Segment
+from zoac.core.tuner import Problem
+from zoac.strategies.held_out import search_budget
+from zoac.strategies.held_specs import FRACTION, HeldSpecs
+
+STEPS = 10
+
+
+def problem(budget, baseline=None):
+    space = ParameterSpace([Parameter("a", -1.0, 1.0), Parameter("b", -1.0, 1.0)])
+    start = None if baseline is None else np.array(baseline)
+    return Problem(space, 1, 4, budget, STEPS, 0, start=start, baseline=start)
+
+
+def answer(episodes, noise, baseline=None):
+    """Tune by random points: the cost falls with a, which must stay below 0.3 plus noise."""
+    whole = problem(episodes * STEPS, baseline)
+    left = problem(search_budget(whole.budget, FRACTION), baseline)
+    tuner = HeldSpecs(RandomSearch(left, recommendation="best_seen"), whole)
+    rng = np.random.default_rng(0)
+    while proposals := tuner.ask():
+        segments = []
+        for p in proposals:
+            excess = max(0.0, p.x[0] - 0.3 + noise * rng.normal())
+            costs = np.full(STEPS, (2.0 - p.x[0]) / STEPS)
+            violation = 1.0 + excess / (1.0 + excess) if excess else 0.0
+            rows = np.zeros((STEPS + 1, 1))
+            segments.append(Segment(p, rows, rows[1:], rows[1:], costs, False, True, True,
+                                    violation=violation))  # fmt: skip
+        tuner.tell(segments)
+    return tuner, tuner.recommend()
+
+
+def test_with_noise_the_answer_keeps_away_from_the_limit():
+    _, x = answer(400, noise=0.1)
+    assert -0.5 < x[0] < 0.1  # three standard deviations at least
+
+
+def test_without_noise_the_answer_is_near_the_limit():
+    _, x = answer(400, noise=0.0)
+    assert 0.1 < x[0] <= 0.3
+
+
+def test_a_baseline_that_alone_keeps_the_specs_is_the_answer():
+    _, x = answer(8, noise=0.0, baseline=[-0.9, 0.0])
+    tuner, again = answer(8, noise=0.0, baseline=[-0.9, 0.0])
+    assert np.array_equal(x, again)
+    assert x[0] <= 0.3
+    assert tuner.outcome()["held_specs"]["episodes"] >= 1

@@ -1,0 +1,124 @@
+"""An answer that keeps hard specs in episodes that the search did not see."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from zoac.core.segments import Proposal, Segment
+from zoac.core.tuner import Problem, Tuner
+from zoac.rollout.outcomes import Outcomes, ranking
+from zoac.strategies.held_out import HeldOut, ReservedSteps
+
+FRACTION = 0.25
+"""Of the budget, for held-out episodes on which the answer is chosen."""
+
+NEIGHBOURS = (8, 16, 32, 64)
+"""A candidate for each: the more points around it kept all specs, the safer it is."""
+
+DEARER = 0.03
+"""A safer candidate may cost so much more, as a part of the cost."""
+
+SETTLED = 0.7
+"""Last part of the searched points of which candidates are taken."""
+
+
+class HeldSpecs(ReservedSteps):
+    """A tuner whose answer keeps hard specs: among its neighbours first, then on held-out episodes.
+
+    A tuner that sees one episode per point ends where the specs just hold; in other episodes they
+    then do not. Points near each other met different episodes. So a candidate is the middle of a
+    point and its nearest neighbours, all of which kept the specs; there is one for each of several
+    numbers of neighbours. They, the tuner's recommendation and the baseline meet the same held-out
+    episodes. The fewest violations win; of equals the safest that costs little more than the
+    cheapest.
+    """
+
+    def __init__(self, tuner: Tuner, problem: Problem) -> None:
+        """
+        Args:
+            tuner: Who searches, by whole episodes; its own problem has the budget that is left.
+            problem: What is tuned, with the whole budget.
+        """
+        super().__init__(tuner, problem, FRACTION)
+        self._points = np.empty((0, problem.space.dimension))
+        self._outcomes = Outcomes.none()
+        self._episodes = HeldOut(problem, "held_specs")
+
+    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """Pass on what the tuner asked for and remember it; or take the held-out episodes."""
+        if self._searching and segments:
+            self._points = np.concatenate([self._points, [s.proposal.x for s in segments]])
+            self._outcomes += Outcomes.of(segments)
+        return super().tell(segments)
+
+    def _begin(self) -> None:
+        self._episodes.enter_baseline()
+        self._episodes.enter(self._problem.space.clip(self._tuner.recommend()))
+        for count in NEIGHBOURS:
+            x = self._middle(count)
+            if x is not None:
+                self._episodes.enter(x)
+
+    def _middle(self, count: int) -> np.ndarray | None:
+        """Return the middle (d,) of the best point and its `count` nearest, itself included."""
+        late = len(self._points) - int(SETTLED * len(self._points))
+        points, outcomes = self._points[late:], self._outcomes[np.arange(late, len(self._points))]
+        if len(points) < count:
+            return None
+        apart = ((points[:, None] - points[None]) ** 2).sum(axis=2)
+        near = np.argsort(apart, axis=1, kind="stable")[:, :count]
+        violations, costs = outcomes.violations[near], outcomes.costs[near]
+        best = ranking(violations.mean(axis=1), costs.mean(axis=1))[0]
+        middle: np.ndarray = points[near[best]].mean(axis=0)
+        return middle
+
+    def _ask_after(self) -> list[Proposal]:
+        if self._left < self._episodes.steps(1):
+            return []
+        return self._episodes.ask_within(self._left)
+
+    def _tell_after(self, segments: Sequence[Segment]) -> dict[str, float]:
+        self._episodes.tell(segments)
+        return {"held_specs_broken": float((self._episodes.violations.mean(axis=0) > 0).sum())}
+
+    def recommend(self) -> np.ndarray:
+        """Return the tuner's recommendation while it searches; then the candidate that leads."""
+        return self._chosen() if self._episodes.begun else super().recommend()
+
+    def _chosen(self) -> np.ndarray:
+        """Return the answer; candidates were entered from the baseline to the safest."""
+        held = self._episodes
+        violations, costs = held.violations.mean(axis=0), held.costs.mean(axis=0)
+        first = held.ranking[0]
+        dearest = costs[first] + DEARER * abs(costs[first])
+        (equal,) = np.nonzero((violations == violations[first]) & (costs <= dearest))
+        last = equal[-1] if len(equal) else first
+        answer: np.ndarray = held.candidates[max(first, last)]
+        return answer
+
+    def outcome(self) -> dict[str, Any]:
+        """Return for `result.json` how many held-out episodes chose the answer."""
+        return {**super().outcome(), "held_specs": {"episodes": len(self._episodes.costs)}}
+
+    def state(self) -> Any:
+        """See `Tuner.state`."""
+        return {
+            **super().state(),
+            "points": self._points.copy(),
+            "outcomes": self._outcomes.state(),
+            "episodes": self._episodes.state(),
+        }
+
+    def restore(self, state: Any) -> None:
+        """See `Tuner.restore`."""
+        super().restore(state)
+        self._points, self._outcomes = state["points"].copy(), Outcomes(*state["outcomes"])
+        self._episodes.restore(state["episodes"])
+
+    def describe(self) -> dict[str, Any]:
+        """Return the tuner's choices and this one."""
+        told = f"chosen on held-out episodes, {self._fraction:.0%} of the budget"
+        return {**super().describe(), "hard specs": told}
