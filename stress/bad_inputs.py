@@ -174,7 +174,7 @@ CASES = [
     Case("eval_every=0", ("eval_every=0", "greater than or equal to 1")),
     Case("evaluation.episodes=0", ("evaluation.episodes=0", "greater than or equal to 1")),
     Case("evaluation.final_episodes=many", ("evaluation.final_episodes=many", "whole number")),
-    Case("evaluation.seed=-1", ("evaluation_seed=-1", "greater than or equal to 0")),
+    Case("evaluation.seed=-1", ("evaluation.seed=-1", "greater than or equal to 0")),
     Case("checkpoint_seconds=nan", ("checkpoint_seconds", "NaN", "finite")),
     Case("checkpoint_seconds=inf", ("checkpoint_seconds", "inf", "finite")),
     Case("checkpoint_seconds=-1", ("checkpoint_seconds=-1", "greater than or equal to 0")),

@@ -145,7 +145,7 @@ def test_a_caller_of_hydra_has_it_back():
         mine = GlobalHydra.instance().hydra
         tune()
         assert GlobalHydra.instance().hydra is mine
-        compose("run")
+        compose("tuner/random")
     threads = [threading.Thread(target=tune) for _ in range(4)]
     for thread in threads:
         thread.start()

@@ -44,7 +44,7 @@ def test_what_returns_no_number_per_step_is_named(returned):
 def test_the_reserved_names_are_the_keys_of_rows_and_results(tmp_path):
     zoac.tune(
         env=Drift, controller=lambda params, obs: -params["k"] * obs[0], tuner="random",
-        space={"k": {"low": 0, "high": 2, "baseline": 1.0}}, budget=200,
+        space={"k": {"low": 0, "high": 2, "baseline": 1.0}}, budget=400,
         acceptance_test=0.5, num_envs=2,
         select="best_evaluated",
         constraints={"left": lambda s: s.observations[1:, 0]}, signals={"y": zoac.observation(0)},

@@ -24,6 +24,9 @@ DEARER = 0.03
 SETTLED = 0.7
 """Last part of the searched points of which candidates are taken."""
 
+MAX_POINTS = 1000
+"""Of these at most: every one is compared with every other."""
+
 
 class HeldSpecs(ReservedSteps):
     """A tuner whose answer keeps hard specs: among its neighbours first, then on held-out episodes.
@@ -64,7 +67,7 @@ class HeldSpecs(ReservedSteps):
 
     def _middle(self, count: int) -> np.ndarray | None:
         """Return the middle (d,) of the best point and its `count` nearest, itself included."""
-        late = len(self._points) - int(SETTLED * len(self._points))
+        late = len(self._points) - min(MAX_POINTS, int(SETTLED * len(self._points)))
         points, outcomes = self._points[late:], self._outcomes[np.arange(late, len(self._points))]
         if len(points) < count:
             return None
