@@ -1,7 +1,9 @@
-"""ZOAC's options by short names, for tests."""
+"""ZOAC's options by short names, and its critic as PyTorch modules, for tests."""
 
 from dataclasses import fields
 from typing import Any
+
+import torch
 
 from zoac.algorithm.options import CriticOptions, Exploration, StepSize
 
@@ -20,3 +22,14 @@ def grouped(**options: Any) -> dict[str, Any]:
         gathered.setdefault(group or "", {})[field] = value
     plain = gathered.pop("", {})
     return plain | {group: GROUPS[group](**given) for group, given in gathered.items()}
+
+
+def torch_twin(critic):
+    """The same network as PyTorch modules, with the same weights."""
+    layers = []
+    for matrix, bias in critic._layers:
+        linear = torch.nn.Linear(*matrix.shape)
+        linear.weight.data.copy_(matrix.t())
+        linear.bias.data.copy_(bias)
+        layers += [linear, torch.nn.Tanh()]
+    return torch.nn.Sequential(*layers[:-1])

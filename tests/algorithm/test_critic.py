@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.algorithm.support import torch_twin
 from zoac.algorithm.adam import Adam
 from zoac.algorithm.critic import Critic, RunningStatistics, minibatches
 from zoac.algorithm.options import CriticOptions
@@ -14,17 +15,6 @@ def make_critic(seed=0, epochs=1, minibatch=64, **options):
     rng = np.random.default_rng(seed)
     chosen = CriticOptions((16, 12), 1e-2, epochs, minibatch, **options)
     return Critic(5, chosen, rng)
-
-
-def torch_twin(critic):
-    """The same network as PyTorch modules, with the same weights."""
-    layers = []
-    for matrix, bias in critic._layers:
-        linear = torch.nn.Linear(*matrix.shape)
-        linear.weight.data.copy_(matrix.t())
-        linear.bias.data.copy_(bias)
-        layers += [linear, torch.nn.Tanh()]
-    return torch.nn.Sequential(*layers[:-1])
 
 
 def test_values_are_those_of_the_network():

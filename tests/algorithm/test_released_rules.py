@@ -5,7 +5,6 @@ from typing import get_type_hints
 
 import numpy as np
 import pytest
-import torch
 
 from tests.algorithm.released_rules import (
     EPOCHS,
@@ -14,6 +13,7 @@ from tests.algorithm.released_rules import (
     WORKERS,
     ReleasedLearner,
 )  # fmt: skip
+from tests.algorithm.support import torch_twin
 from tests.support import engine
 from zoac.algorithm.zoac import Zoac
 from zoac.config.compose import compose_config, resolved
@@ -33,16 +33,6 @@ def released_switches():
     config = resolved(compose_config(["task=pid_acc", "tuner=zoac", "fidelity=authors_code"]))
     options = {key: value for key, value in config["tuner"].items() if key != "_target_"}
     return options, config["task"]["jerk"]
-
-
-def network(critic):
-    layers = []
-    for matrix, bias in critic._layers:
-        linear = torch.nn.Linear(*matrix.shape)
-        linear.weight.data.copy_(matrix.t())
-        linear.bias.data.copy_(bias)
-        layers += [linear, torch.nn.Tanh()]
-    return torch.nn.Sequential(*layers[:-1])
 
 
 class RecordedEnv(PidAccVecEnv):
@@ -75,7 +65,7 @@ def compare(iterations, broken=None, **changes):
     groups = with_groups(options, get_type_hints(Zoac.__init__))
     ours = Zoac(Problem(task.space, 10, WORKERS, 10**6, LIMIT, 3), **groups)
     ours._theta = START.copy()
-    theirs = ReleasedLearner(START, network(ours._critic), LIMIT, task.drawn, broken)
+    theirs = ReleasedLearner(START, torch_twin(ours._critic), LIMIT, task.drawn, broken)
     ends = []
     for _ in range(iterations):
         segments = group.rollout(ours.ask())
