@@ -53,6 +53,9 @@ class Design:
                 f"input_limits={self.input_limits}: expected (low, high) around 0, the input at "
                 "rest; state limits as deviations from it"
             )
+        for dead_time in self.dead_times:
+            if not (is_number(dead_time) and math.isfinite(dead_time) and dead_time >= 0):
+                raise ConfigError(f"dead_time={dead_time!r}: expected seconds, 0 or more")
         if not (math.isfinite(self.noise) and self.noise >= 0):
             raise ConfigError(f"noise={self.noise}: expected a standard deviation, 0 or more")
 

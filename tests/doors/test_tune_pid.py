@@ -161,6 +161,7 @@ def test_an_environment_is_tuned_from_the_gains_of_today(monkeypatch):
         ({"noise": -1.0}, "noise=-1.0"),
         ({"sample_time": 0.0}, "sample_time=0.0"),
         ({"dead_time": (0.1, 0.2)}, "2 dead times for 1 plants"),
+        ({"dead_time": -1.0}, "dead_time=-1.0: expected seconds, 0 or more"),
         ({"specs": [specs.overshoot("z", "r", max=0.1)]}, "no signal 'z'"),
     ],
 )
