@@ -108,7 +108,7 @@ class UserTask(Task):
         }
 
     def make_env(self, n: int) -> GymnasiumVecEnv:
-        """Return `n` environments as environments."""
+        """Return `n` copies of the environment, side by side."""
         envs = [self._one_env() for _ in range(n)]
         return GymnasiumVecEnv(
             envs,

@@ -84,10 +84,8 @@ class CountingTask(Task):
         return EchoController()
 
 
-def engine(task: Task, num_envs: list[int], seed: int = 0) -> RolloutEngine:
-    return RolloutEngine(
-        task, num_envs, [stream_seed(seed, "lane", env_index) for env_index in num_envs]
-    )
+def engine(task: Task, env_indices: list[int], seed: int = 0) -> RolloutEngine:
+    return RolloutEngine(task, env_indices, [stream_seed(seed, "lane", i) for i in env_indices])
 
 
 def same_segment(one: Segment, other: Segment) -> bool:

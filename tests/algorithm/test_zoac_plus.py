@@ -56,8 +56,8 @@ def test_both_segments_count_as_steps():
 def test_the_environments_next_segment_follows_the_restored_segment_that_stayed():
     tuner, group = make_plus(), engine(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
     proposals = tuner.ask()
-    lane_0 = [s for s in group.rollout(proposals) if s.proposal.env_index == 0]
-    assert np.array_equal(lane_0[2].observations[0], lane_0[1].observations[-1])
+    first = [s for s in group.rollout(proposals) if s.proposal.env_index == 0]
+    assert np.array_equal(first[2].observations[0], first[1].observations[-1])
 
 
 def test_targets_of_a_restored_segment_do_not_run_on_into_its_twin():

@@ -119,7 +119,7 @@ def test_what_would_be_loaded_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", ["zoac.tasks.register", "zoac.tasks.lqr.task.Task", "zoac.tasks"])
-def test_only_classes_of_zoacs_own_tasks_and_solvers_need_no_initial_sigma(path: str) -> None:
+def test_only_classes_of_zoacs_own_tasks_and_solvers_need_no_trust_code(path: str) -> None:
     assert foreign_code({"_target_": path}) == [f"task._target_: {path}"]
 
 
@@ -133,7 +133,7 @@ def test_what_is_trusted_is_loaded(tmp_path: Path, trace: Path) -> None:
 
 
 @pytest.mark.parametrize("command", sorted(REPLAYING))
-def test_each_command_that_replays_takes_initial_sigma(
+def test_each_command_that_replays_takes_trust_code(
     command: str, tmp_path: Path, trace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_run(tmp_path / "runs", config={"task": {**PID, "_target_": "trap.Task"}})
@@ -148,6 +148,6 @@ def choices(group: str) -> list[str]:
 
 @pytest.mark.parametrize("solver", choices("mpc_solver"))
 @pytest.mark.parametrize("task", choices("task"))
-def test_no_task_of_zoac_needs_initial_sigma(task: str, solver: str) -> None:
+def test_no_task_of_zoac_needs_trust_code(task: str, solver: str) -> None:
     config = resolved(compose_config([f"task={task}", f"mpc_solver={solver}"]))
     assert foreign_code(config["task"]) == []

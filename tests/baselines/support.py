@@ -73,7 +73,7 @@ def problem(seed: int = 0, episodes: int = 100, **changes: Any) -> Problem:
     return replace(made, **changes)
 
 
-def num_envs(seed: int = 0) -> RolloutEngine:
+def engine(seed: int = 0) -> RolloutEngine:
     seeds = [stream_seed(seed, "lane", env_index) for env_index in range(NUM_ENVS)]
     return RolloutEngine(Quadratic(), range(NUM_ENVS), seeds)
 

@@ -7,7 +7,7 @@ from bayes_opt.util import UtilityFunction, acq_max
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import Matern
 
-from tests.baselines.support import STEPS, TARGET, drive, num_envs, problem, spoiled, true_cost
+from tests.baselines.support import STEPS, TARGET, drive, engine, problem, spoiled, true_cost
 from zoac.baselines.acquisition import Acquisition
 from zoac.baselines.bo import BayesOpt, BoundedRegressor, kept_observations, maximise
 from zoac.baselines.optuna import Optuna, normal_scores
@@ -133,16 +133,16 @@ def test_bo_describes_the_random_design_it_makes():
     assert tuner.describe()["initial_design"] == 7
     for _ in range(7):
         assert not hasattr(tuner._process, "X_train_")
-        drive(tuner, num_envs(), 1)
+        drive(tuner, engine(), 1)
     tuner.ask()
     assert hasattr(tuner._process, "X_train_")
 
 
 def test_bo_takes_the_same_point_twice():
     tuner = BayesOpt(problem(), noise=0.1, start="baseline")
-    drive(tuner, num_envs(), 1)
+    drive(tuner, engine(), 1)
     tuner._optimizer.suggest(np.zeros(5))
-    drive(tuner, num_envs(), 1)
+    drive(tuner, engine(), 1)
     assert len(tuner._optimizer.bo.space) == 2
 
 
@@ -159,7 +159,7 @@ def test_bo_can_recommend_the_lowest_posterior_mean():
     rng = np.random.default_rng(0)
     tuner, group = (
         BayesOpt(problem(), noise=1.0, recommendation="mean", initial_design=2),
-        num_envs(),
+        engine(),
     )
     drive(tuner, group, 3 * STEPS)  # the start and the design
     lucky = np.full(5, -0.9)
@@ -185,9 +185,9 @@ def test_optunas_gaussian_process_restores_exactly():
     def make():
         return Optuna(problem(), initial_design=5)
 
-    tuner, group = make(), num_envs()
+    tuner, group = make(), engine()
     drive(tuner, group, 10 * STEPS)
-    twin, twin_group = make(), num_envs()
+    twin, twin_group = make(), engine()
     twin.restore(decode(encode(tuner.state())))
     twin_group.restore(group.state())
     np.random.seed(3)  # noqa: NPY002
@@ -197,8 +197,8 @@ def test_optunas_gaussian_process_restores_exactly():
 
 def test_optunas_gaussian_process_beats_random_search():
     tuner, random = Optuna(problem(), initial_design=10), RandomSearch(problem())
-    drive(tuner, num_envs(), 25 * STEPS)
-    drive(random, num_envs(), 25 * STEPS)
+    drive(tuner, engine(), 25 * STEPS)
+    drive(random, engine(), 25 * STEPS)
     assert true_cost(tuner.recommend()) < true_cost(random.recommend())
 
 
@@ -215,7 +215,7 @@ def test_a_model_sees_what_violates_as_worse_than_all_and_of_the_size_of_the_cos
 ):
     """At every ask anew: the first episode violates when nothing is known, costs grow later."""
     seen = []
-    one, group = tuner(problem()), num_envs()
+    one, group = tuner(problem()), engine()
     prices = CostRange.prices
 
     def spy(self, outcomes):

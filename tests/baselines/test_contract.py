@@ -13,7 +13,7 @@ from tests.baselines.support import (
     CONF,
     STEPS,
     drive,
-    num_envs,
+    engine,
     problem,
     spoiled,
     true_cost,
@@ -56,24 +56,24 @@ def same(one, other):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_same_seed_asks_the_same_whatever_others_draw(name):
-    first = drive(make(name), num_envs(), short(name))
+    first = drive(make(name), engine(), short(name))
     np.random.seed(5)  # noqa: NPY002
-    assert same(first, drive(make(name), num_envs(), short(name)))
+    assert same(first, drive(make(name), engine(), short(name)))
 
 
 @pytest.mark.parametrize("name", SEARCHING)
 def test_other_seeds_ask_otherwise(name):
-    assert not same(drive(make(name), num_envs(), 1), drive(make(name, seed=1), num_envs(), 1))
+    assert not same(drive(make(name), engine(), 1), drive(make(name, seed=1), engine(), 1))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_restored_tuner_goes_on_to_the_same_bits(name):
-    tuner, group = make(name), num_envs()
+    tuner, group = make(name), engine()
     drive(tuner, group, short(name))
     encoded = encode((tuner.state(), group.state()))
     assert bool(encoded.objects) == (name in NEED_A_PICKLE)
     state, env_states = decode(encoded)
-    twin, twin_group = make(name), num_envs()
+    twin, twin_group = make(name), engine()
     twin.restore(state)
     twin_group.restore(env_states)
     assert np.array_equal(tuner.recommend(), twin.recommend())
@@ -84,7 +84,7 @@ def test_a_restored_tuner_goes_on_to_the_same_bits(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_state_does_not_change_when_its_tuner_goes_on(name):
-    tuner, group = make(name), num_envs()
+    tuner, group = make(name), engine()
     drive(tuner, group, short(name))
     state = tuner.state()
     recommended = tuner.recommend()
@@ -96,7 +96,7 @@ def test_a_state_does_not_change_when_its_tuner_goes_on(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_recommending_and_describing_change_nothing(name):
     watched, left_alone = make(name), make(name)
-    group, other_group = num_envs(), num_envs()
+    group, other_group = engine(), engine()
     for _ in range(3):
         watched.recommend()
         watched.describe()
@@ -106,7 +106,7 @@ def test_recommending_and_describing_change_nothing(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_recommendation_lies_in_the_box_from_the_start(name):
-    tuner, group = make(name), num_envs()
+    tuner, group = make(name), engine()
     for _ in range(3):
         x = tuner.recommend()
         assert x.shape == (5,)
@@ -169,7 +169,7 @@ def test_costs_that_are_not_finite_do_not_break_it(name, bad, when):
 
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        drive(tuner, num_envs(), short(name), spoil)
+        drive(tuner, engine(), short(name), spoil)
     assert np.isfinite(tuner.recommend()).all()
     assert all(np.isfinite(p.x).all() for p in tuner.ask())
 
@@ -191,7 +191,7 @@ def test_a_bad_episode_is_never_overtaken_by_costlier_good_ones(name, bad):
         good.append(segment.proposal.x)
         return spoiled(segment, 10.0 ** min(len(good), 16))
 
-    drive(tuner, num_envs(), STEPS * 10, spoil)
+    drive(tuner, engine(), STEPS * 10, spoil)
     assert any(np.allclose(tuner.recommend(), x, atol=1e-6) for x in good)
 
 
@@ -211,5 +211,5 @@ def test_beats_random_search_on_a_noisy_quadratic(name):
 @cache
 def found(name, seed, episodes):
     tuner = make(name, seed, episodes)
-    drive(tuner, num_envs(seed), episodes * STEPS)
+    drive(tuner, engine(seed), episodes * STEPS)
     return true_cost(problem().space.clip(tuner.recommend()))

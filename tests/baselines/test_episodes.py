@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.baselines.support import STEPS, TARGET, drive, num_envs, problem, spoiled, true_cost
+from tests.baselines.support import STEPS, TARGET, drive, engine, problem, spoiled, true_cost
 from zoac.baselines.es import EvolutionStrategy, es_gradient
 from zoac.baselines.nominal import NominalTuner
 from zoac.baselines.random_search import RandomSearch
@@ -17,14 +17,14 @@ def tell(tuner, group, costs):
     return tuner.tell([spoiled(s, c / STEPS) for s, c in zip(segments, costs, strict=True)])
 
 
-def test_whole_episodes_are_std_over_the_environments():
+def test_whole_episodes_are_spread_over_the_environments():
     proposals = EvolutionStrategy(problem(), population=7).ask()
     assert [p.env_index for p in proposals] == [0, 1, 2, 3, 4, 0, 1]
     assert all(p.horizon is None and p.seed is None for p in proposals)
 
 
 def test_the_cheapest_single_episode_is_recommended():
-    tuner, group = RandomSearch(problem()), num_envs()
+    tuner, group = RandomSearch(problem()), engine()
     asked = group.rollout(tuner.ask())
     metrics = tuner.tell([spoiled(s, c) for s, c in zip(asked, (3, 2, 1, 4, 5), strict=True)])
     assert np.array_equal(tuner.recommend(), asked[2].proposal.x)
@@ -33,7 +33,7 @@ def test_the_cheapest_single_episode_is_recommended():
 
 
 def test_a_bad_episode_is_never_best():
-    tuner, group = RandomSearch(problem()), num_envs()
+    tuner, group = RandomSearch(problem()), engine()
     metrics = tell(tuner, group, [np.nan, 5.0, 2.0, -np.inf, np.inf])
     assert metrics["cost_not_finite"] == 3
     assert metrics["best_seen"] == pytest.approx(2.0)
@@ -41,7 +41,7 @@ def test_a_bad_episode_is_never_best():
 
 
 def test_where_all_violate_the_least_violation_is_recommended():
-    tuner, group = RandomSearch(problem()), num_envs()
+    tuner, group = RandomSearch(problem()), engine()
     segments = group.rollout(tuner.ask())
     tuner.tell([replace(s, violation=v) for s, v in zip(segments, (3, 2, 1, 4, 5), strict=True)])
     assert np.array_equal(tuner.recommend(), segments[2].proposal.x)
@@ -51,7 +51,7 @@ def test_where_all_violate_the_least_violation_is_recommended():
 def test_costs_of_which_none_is_finite_move_nothing(standardise):
     tuner = EvolutionStrategy(problem(), population=5, standardise_costs=standardise)
     before = tuner.recommend()
-    assert tell(tuner, num_envs(), [np.nan] * 5)["gradient_norm"] == 0.0
+    assert tell(tuner, engine(), [np.nan] * 5)["gradient_norm"] == 0.0
     assert np.array_equal(tuner.recommend(), before)
 
 
@@ -61,7 +61,7 @@ def reevaluated(seed=0):
 
 
 def test_reevaluation_spends_the_last_fraction_of_the_budget():
-    tuner, group = reevaluated(), num_envs()
+    tuner, group = reevaluated(), engine()
     drive(tuner, group, 450 * STEPS - 1)
     for round_ in range(10):
         proposals = tuner.ask()
@@ -73,7 +73,7 @@ def test_reevaluation_spends_the_last_fraction_of_the_budget():
 
 def test_the_baseline_is_evaluated_with_the_best_and_may_win():
     given = problem(0, 500, baseline=TARGET)
-    tuner, group = RandomSearch(given, recommendation="reevaluated", reevaluate_top=5), num_envs()
+    tuner, group = RandomSearch(given, recommendation="reevaluated", reevaluate_top=5), engine()
     drive(tuner, group, 450 * STEPS)
     assert any(np.array_equal(p.x, TARGET) for p in tuner.ask())
     drive(tuner, group, 50 * STEPS)
@@ -84,7 +84,7 @@ def test_the_baseline_is_evaluated_with_the_best_and_may_win():
 def test_a_batch_that_would_leave_no_round_of_reevaluation_is_not_begun(episodes):
     """A tenth of so small a budget is less than a batch of five episodes."""
     given = problem(0, episodes)
-    tuner, group = RandomSearch(given, recommendation="reevaluated", reevaluate_top=3), num_envs()
+    tuner, group = RandomSearch(given, recommendation="reevaluated", reevaluate_top=3), engine()
     steps = 0
     while steps < given.budget:
         segments = group.rollout(tuner.ask())
@@ -95,7 +95,7 @@ def test_a_batch_that_would_leave_no_round_of_reevaluation_is_not_begun(episodes
 
 def test_reevaluation_reports_how_lucky_the_best_had_been():
     """Random points cost alike here, so that noise alone makes the best seem good."""
-    tuner, group = reevaluated(), num_envs()
+    tuner, group = reevaluated(), engine()
     rng = np.random.default_rng(0)
     drive(tuner, group, 450 * STEPS, lambda i, s: spoiled(s, rng.normal() / STEPS))
     for _ in range(200):
@@ -106,7 +106,7 @@ def test_reevaluation_reports_how_lucky_the_best_had_been():
 
 
 def test_reevaluation_recommends_the_best_mean_of_the_held_out_episodes():
-    tuner, group = reevaluated(), num_envs()
+    tuner, group = reevaluated(), engine()
     drive(tuner, group, 450 * STEPS)
     points = [p.x for p in tuner.ask()]
     drive(tuner, group, 50 * STEPS)
@@ -114,7 +114,7 @@ def test_reevaluation_recommends_the_best_mean_of_the_held_out_episodes():
 
 
 def test_a_run_restored_during_reevaluation_goes_on_to_the_same_numbers():
-    tuner, group = reevaluated(), num_envs()
+    tuner, group = reevaluated(), engine()
     drive(tuner, group, 460 * STEPS)
     twin = reevaluated()
     twin.restore(tuner.state())

@@ -6,7 +6,7 @@ import nevergrad as ng
 import numpy as np
 import pytest
 
-from tests.baselines.support import STEPS, drive, num_envs, problem
+from tests.baselines.support import STEPS, drive, engine, problem
 from zoac.baselines.cmaes import CmaEs
 from zoac.baselines.nevergrad import Nevergrad
 from zoac.core.errors import ConfigError
@@ -20,10 +20,10 @@ NAMES = ["TwoPointsDE", "NGO", "PSO", "Powell", "DSproba", "ScrHammersleySearch"
 @pytest.mark.parametrize("name", NAMES)
 def test_any_optimiser_restores_exactly(name):
     np.random.seed(3)  # noqa: NPY002
-    tuner, group = Nevergrad(problem(episodes=500), name=name), num_envs()
+    tuner, group = Nevergrad(problem(episodes=500), name=name), engine()
     drive(tuner, group, 30 * STEPS)
     np.random.seed(4)  # noqa: NPY002
-    twin, twin_group = Nevergrad(problem(episodes=500), name=name), num_envs()
+    twin, twin_group = Nevergrad(problem(episodes=500), name=name), engine()
     twin.restore(tuner.state())
     twin_group.restore(group.state())
     expected = drive(tuner, group, 30 * STEPS)
@@ -35,7 +35,7 @@ def test_any_optimiser_restores_exactly(name):
 def test_the_global_random_state_is_left_alone():
     np.random.seed(3)  # noqa: NPY002
     before = np.random.get_state()[1].copy()  # noqa: NPY002
-    drive(Nevergrad(problem(episodes=500), name="DSproba"), num_envs(), 20 * STEPS)
+    drive(Nevergrad(problem(episodes=500), name="DSproba"), engine(), 20 * STEPS)
     assert np.array_equal(np.random.get_state()[1], before)  # noqa: NPY002
 
 
@@ -105,11 +105,11 @@ def test_mean_recommends_the_mean_of_the_search_distribution():
         problem(), population=400, initial_sigma=0.3, start="middle", recommendation="mean"
     )
     assert np.allclose(tuner.recommend(), 0.0)
-    drive(tuner, num_envs(), STEPS)
+    drive(tuner, engine(), STEPS)
     mean = tuner.recommend()
     assert 0.05 < np.linalg.norm(mean) < 0.9
     own = CmaEs(problem(), population=400, initial_sigma=0.3, start="middle")
-    drive(own, num_envs(), STEPS)
+    drive(own, engine(), STEPS)
     assert not np.array_equal(own.recommend(), mean)
 
 
@@ -124,7 +124,7 @@ def test_an_optimiser_that_ignores_its_initial_value_evaluates_the_baseline_firs
     """EDA learns from no point but its own."""
     start = np.full(5, 0.9)
     tuner = Nevergrad(problem(start=start), name=name, start="baseline")
-    group = num_envs()
+    group = engine()
     first = group.rollout(tuner.ask())
     assert np.allclose(first[0].proposal.x, start)
     assert not any(np.allclose(s.proposal.x, start) for s in first[1:])

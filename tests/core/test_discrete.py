@@ -37,7 +37,7 @@ def test_values_come_back_through_the_point_that_stands_for_them(z):
 
 
 @given(st.lists(st.floats(-1.5, 1.5), min_size=7, max_size=7))
-def test_points_that_fraction_their_values_are_rounded_to_one(z):
+def test_points_that_share_their_values_are_rounded_to_one(z):
     z = np.array(z)
     rounded = SPACE.rounded(z)
     assert np.array_equal(SPACE.values(rounded), SPACE.values(z))
@@ -49,7 +49,7 @@ def test_points_that_fraction_their_values_are_rounded_to_one(z):
     assert np.array_equal(SPACE.rounded(other)[same], np.tile(rounded, (same.sum(), 1)))
 
 
-def test_every_whole_number_has_an_equal_fraction_of_the_box():
+def test_every_whole_number_has_an_equal_part_of_the_box():
     z = np.zeros((4000, 7))
     z[:, 1] = np.linspace(-1, 1, 4000)
     assert np.unique(SPACE.values(z)[:, 1], return_counts=True)[1].tolist() == [1000] * 4

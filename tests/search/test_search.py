@@ -248,7 +248,7 @@ def outcome(folder):
     return [(t.number, t.params, t.value) for t in study.get_trials()]
 
 
-def test_a_killed_process_loses_nothing_and_two_fraction_a_study(tmp_path):
+def test_a_killed_process_loses_nothing_and_two_share_a_study(tmp_path):
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     whole.mkdir()
     parts.mkdir()
