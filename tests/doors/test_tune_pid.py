@@ -147,6 +147,7 @@ def test_an_environment_is_tuned_from_the_gains_of_today(monkeypatch):
     assert result.run.cost_mean < result.run.baseline_cost_mean
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")  # of what should not be computed at all
 @pytest.mark.parametrize(
     ("options", "said"),
     [
