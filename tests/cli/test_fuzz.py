@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from zoac.config import factory
 from zoac.config.compose import compose_config, resolved, variant_of
 from zoac.core.errors import ZoacError
-from zoac.training.identity import run_folder
+from zoac.training import run_folder
 
 KEYS = [
     "seed", "budget", "num_envs", "eval_every", "evaluation", "evaluation.episodes",
@@ -57,7 +57,7 @@ def prepare(overrides):
     task = factory.build_task(config)
     factory.build_tuner(config["tuner"], task, run_settings)
     factory.build_executor(config)
-    run_folder(config, "task", "tuner")
+    run_folder.of(config, "task", "tuner")
 
 
 @given(OVERRIDES)

@@ -1,37 +1,14 @@
-"""What tells a run from others: its folder, and the user's own code and objects."""
+"""What tells a run from others beside its settings: the user's own code and objects."""
 
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from zoac.config import fingerprint
 from zoac.config.validate import TARGET, locate
-from zoac.core.errors import ConfigError
 from zoac.rollout.task import Task
-
-
-def run_folder(config: Mapping[str, Any], task: str, tuner: str) -> Path:
-    """Return `<runs_dir>/<task>/<tuner>/seed=<s>[/variant=<name>]`.
-
-    Raises:
-        ConfigError: If `runs_dir` is empty or `variant` is no name of a folder.
-    """
-    if not config["runs_dir"].strip():
-        raise ConfigError(
-            f"runs_dir={config['runs_dir']!r}: expected a folder, such as runs, or . for this one"
-        )
-    variant = config["variant"] or ""
-    if "/" in variant:
-        usable = "-".join(re.findall("[^/.]+", variant)) or "mine"
-        raise ConfigError(
-            f"variant={variant!r}: expected the name of one folder, without /, such as {usable!r}"
-        )
-    folder = Path(config["runs_dir"]).expanduser() / task / tuner / f"seed={config['seed']}"
-    return folder / f"variant={config['variant']}" if config["variant"] else folder
 
 
 def with_code(config: Mapping[str, Any], task: Task) -> tuple[dict[str, Any], Sequence[str]]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import shutil
 import signal
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,10 +21,9 @@ from zoac.loggers.base import Logger
 from zoac.loggers.console import Console
 from zoac.rollout.task import Task
 from zoac.runs import provenance, schema
-from zoac.runs.lock import HeldError, locked
 from zoac.runs.log import RunLog
-from zoac.training import lifeline
-from zoac.training.identity import run_folder, with_code
+from zoac.training import lifeline, run_folder
+from zoac.training.identity import with_code
 from zoac.training.trainer import Trainer
 
 
@@ -79,7 +76,7 @@ def run_session(
         RunFolderError: If the folder holds another run, is damaged or in use.
     """
     settings = factory.build_settings(config)
-    folder = run_folder(config, task, tuner)
+    folder = run_folder.of(config, task, tuner)
     the_task = factory.build_task(config)
     identified, doubts = with_code(config, the_task)
     run = Run(
@@ -111,9 +108,9 @@ def execute(run: Run, folder: Path, again: str = "the same command") -> dict[str
         RunFolderError: If the folder holds another run, is damaged or in use.
         Interrupted: If a signal stopped the run; its checkpoint is written.
     """
-    _make(folder)
-    with _locked(folder):
-        if _prepare(folder, run.config):
+    run_folder.make(folder)
+    with run_folder.held(folder):
+        if run_folder.prepare(folder, run.config):
             _refuse_doubtful(folder, run.doubts)
             if not run.quiet:
                 print(f"{folder}: done already; resume=overwrite starts anew")
@@ -152,64 +149,6 @@ def _tell_remarks(task: Task) -> None:
         print(remark, file=sys.stderr)
 
 
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / ".lock").touch()
-    except OSError as error:
-        too_long = error.errno == errno.ENAMETOOLONG
-        remedy = "give it a short name: variant=<name>" if too_long else "choose another runs_dir"
-        raise RunFolderError(
-            f"cannot make or use the run folder {folder}: {error.strerror}; {remedy}"
-        ) from None
-
-
-def _prepare(folder: Path, config: Mapping[str, Any]) -> bool:
-    """Make the folder ready by `resume`; return whether its run is done already."""
-    resume = config["resume"]
-    if resume == "overwrite":
-        _empty(folder)
-        return False
-    if not (folder / schema.RUN).exists():
-        if (folder / schema.CHECKPOINTS).exists() or schema.is_done(folder):
-            raise RunFolderError(
-                f"{folder} holds a run without its {schema.RUN}: whose it is cannot be told. "
-                "Put the file back, or start anew with resume=overwrite"
-            )
-        return False
-    if resume == "never":
-        raise RunFolderError(
-            f"{folder} holds a run already and resume=never; use resume=auto to go on with it, "
-            "resume=overwrite to start anew, or another variant=<name>"
-        )
-    earlier = schema.read_run(folder)
-    if not {"config", "config_hash"} <= earlier.keys():
-        raise RunFolderError(
-            f"{folder / schema.RUN} says nothing of the configuration; it is no run.json of zoac. "
-            "Choose another folder, or start anew with resume=overwrite"
-        )
-    if earlier["config_hash"] != schema.config_hash(config):
-        differences = schema.differing_keys(earlier["config"], config)
-        told = "\n".join(f"  {key}: {a!r} there, {b!r} now" for key, (a, b) in differences.items())
-        coded = any(key.startswith("code.") for key in differences)
-        hint = "Behind @ stands a digest of code and values. " if coded else ""
-        raise RunFolderError(
-            f"{folder} holds a run of another configuration:\n{told}\n"
-            f"{hint}Use those values, another variant=<name>, or resume=overwrite"
-        )
-    return schema.is_done(folder)
-
-
-def _refuse_doubtful(folder: Path, doubts: Sequence[str]) -> None:
-    """Raise if nobody can tell whether the result in `folder` is this run's."""
-    if doubts:
-        raise RunFolderError(
-            f"{folder} holds a result, and whether it is of the same run cannot be told: "
-            f"{'; '.join(doubts)}. Load it with zoac.load_result, choose another folder, or start "
-            "anew with resume=overwrite"
-        )
-
-
 def _tell_what_differs(folder: Path, record: Mapping[str, Any]) -> None:
     """Say that a run goes on with other code or on another processor, which may round otherwise."""
     if not (folder / schema.CHECKPOINTS).exists():
@@ -223,36 +162,14 @@ def _tell_what_differs(folder: Path, record: Mapping[str, Any]) -> None:
         )
 
 
-def _empty(folder: Path) -> None:
-    """Delete the run. If interrupted, what remains still identifies this run or is empty.
-
-    Raises:
-        RunFolderError: If something cannot be deleted.
-    """
-    try:
-        # run.json goes last, so that leftovers are never attributed to another run.
-        if (folder / schema.CHECKPOINTS).exists():
-            shutil.rmtree(folder / schema.CHECKPOINTS)
-        for name in PARTS:
-            (folder / name).unlink(missing_ok=True)
-    except OSError as error:
+def _refuse_doubtful(folder: Path, doubts: Sequence[str]) -> None:
+    """Raise if nobody can tell whether the result in `folder` is this run's."""
+    if doubts:
         raise RunFolderError(
-            f"{folder}: resume=overwrite cannot delete {error.filename}: {error.strerror}"
-        ) from None
-
-
-PARTS = (schema.RESULT, schema.RESPONSES, schema.METRICS, schema.TASK, schema.RUN)
-"""Files of a run, in the order in which they are deleted."""
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock."""
-    try:
-        with locked(folder / ".lock"):
-            yield
-    except HeldError:
-        raise RunFolderError(f"{folder}: another process is running this run") from None
+            f"{folder} holds a result, and whether it is of the same run cannot be told: "
+            f"{'; '.join(doubts)}. Load it with zoac.load_result, choose another folder, or start "
+            "anew with resume=overwrite"
+        )
 
 
 @contextmanager

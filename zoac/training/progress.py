@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 from zoac.core.segments import Segment
 
@@ -31,6 +32,20 @@ class Progress:
     failures: int = 0
     first_failure: str | None = None
     log_bytes: int = field(default=0)
+
+    def __post_init__(self) -> None:
+        self._clocks = time.perf_counter(), time.process_time()
+
+    def advance(self, worker_seconds: float) -> None:
+        """Bring `wall_seconds` and `compute_seconds` to this moment.
+
+        Args:
+            worker_seconds: Processor time of all workers since the run's process began.
+        """
+        clocks = time.perf_counter(), time.process_time() + worker_seconds
+        self.wall_seconds += clocks[0] - self._clocks[0]
+        self.compute_seconds += clocks[1] - self._clocks[1]
+        self._clocks = clocks
 
     def account(self, segments: Sequence[Segment]) -> dict[str, str]:
         """Add up failures and what controllers report of solvers, tuning and evaluation alike.
@@ -60,3 +75,13 @@ class Progress:
         finally:
             spent = time.perf_counter() - begun
             setattr(self, counter, getattr(self, counter) + spent)
+
+    def state(self) -> dict[str, Any]:
+        """Return the counters by name."""
+        return asdict(self)
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Restore what `state` returned; the clocks go on from now."""
+        for name, value in state.items():
+            setattr(self, name, value)
+        self._clocks = time.perf_counter(), time.process_time()

@@ -1,0 +1,107 @@
+"""Evaluation of what a tuner recommends, on episodes that are the same for every tuner."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from zoac.config.settings import Evaluation
+from zoac.core.measures import Metric
+from zoac.core.segments import Segment
+from zoac.core.tuner import Tuner
+from zoac.executors.base import Executor
+from zoac.rollout.evaluation import evaluation_proposals, evaluation_row
+from zoac.rollout.task import Task
+from zoac.specs.signals import Episode
+from zoac.training.progress import Progress
+
+
+class Evaluator:
+    """Runs the fixed evaluation episodes, which cost no budget."""
+
+    def __init__(
+        self, task: Task, tuner: Tuner, executor: Executor, settings: Evaluation, progress: Progress
+    ) -> None:
+        """
+        Args:
+            task: What is tuned.
+            tuner: Who recommends; it may work in the background while episodes run.
+            executor: Where the episodes run.
+            settings: How many episodes, and their seed.
+            progress: Where failures and seconds are counted.
+        """
+        self._task, self._tuner, self._executor = task, tuner, executor
+        self._settings, self._progress = settings, progress
+        self._last_finite = np.zeros(task.space.dimension)  # recommendation
+        self._responses: dict[str, Segment] = {}  # first final episodes
+
+    def recommendation(self) -> np.ndarray:
+        """Return the tuner's recommendation (d,), or its last one whose every number was finite."""
+        x = self._tuner.recommend()
+        if np.isfinite(x).all():
+            self._last_finite = x.copy()
+        else:
+            print(
+                f"after {self._progress.env_steps:,} steps the tuner recommends {x.tolist()}, "
+                "which is not finite; its last finite recommendation is kept",
+                file=sys.stderr,
+            )
+        return self._last_finite.copy()
+
+    def evaluate(self, *, final: bool) -> dict[str, Any]:
+        """Return the row of an evaluation of the recommendation."""
+        settings, x = self._settings, self.recommendation()
+        segments = self._rollout(x, settings.final_episodes if final else settings.episodes)
+        row = self._row(segments, self._task.metrics)
+        if final:
+            self._responses["tuned"] = segments[0]
+        row |= self._progress.account(segments)
+        return {**row, "parameters": self._task.space.named(x), "x": x.tolist(), "final": final}
+
+    def evaluate_baseline(self) -> dict[str, Any]:
+        """Return `baseline` and its mean cost for a result; {} if the task has no baseline."""
+        if self._task.baseline is None:
+            return {}
+        x = self._task.space.normalise(self._task.baseline)
+        segments = self._rollout(x, self._settings.final_episodes)
+        row = self._row(segments)
+        self._responses["baseline"] = segments[0]
+        return {"baseline_cost_mean": row["cost_mean"], "baseline": row}
+
+    def responses(self) -> dict[str, Episode]:
+        """Return the first final episode with the baseline and the answer, for named signals."""
+        sample_time = self._task.sample_time or 1.0
+        return {
+            which: Episode.of(self._responses[which], self._task.signals, sample_time)
+            for which in ("baseline", "tuned")
+            if which in self._responses
+        }
+
+    def state(self) -> np.ndarray:
+        """Return the last finite recommendation (d,)."""
+        return self._last_finite.copy()
+
+    def restore(self, state: np.ndarray) -> None:
+        """Restore what `state` returned."""
+        self._last_finite = state
+
+    def _row(self, segments: list[Segment], metrics: Sequence[Metric] = ()) -> dict[str, Any]:
+        return evaluation_row(segments, metrics, self._task.constraints, self._task.specs)
+
+    def _rollout(self, x: np.ndarray, episodes: int) -> list[Segment]:
+        """Return the fixed evaluation episodes with the parameters x (d,)."""
+        progress = self._progress
+        proposals = evaluation_proposals(x, episodes, self._settings.seed)
+        before = progress.tuner_seconds
+        with progress.timed("evaluation_seconds"):
+            segments = self._executor.evaluate(proposals, self._background_update)
+        # The tuner's work in the background counts as the tuner's time.
+        progress.evaluation_seconds -= progress.tuner_seconds - before
+        return segments
+
+    def _background_update(self) -> None:
+        with self._progress.timed("tuner_seconds"):
+            self._tuner.background_update()
