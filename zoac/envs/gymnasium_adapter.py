@@ -31,7 +31,7 @@ from zoac.envs.single_env import (
     flattened_remarks,
     own_time_limit,
 )
-from zoac.envs.snapshots import restored, saved, saves_itself
+from zoac.envs.snapshots import restored, saved, saved_by
 from zoac.specs.signals import INFO, INFO_BEFORE
 
 MAX_EPISODE_STEPS = 10_000
@@ -89,7 +89,7 @@ class GymnasiumVecEnv(VecEnv):
         super().__init__(len(envs), observations, actions, limit or MAX_EPISODE_STEPS)
         self.limited = limit is not None
         self.remarks = (*drift_remarks(first), *flattened_remarks(first))
-        self.saved_by = "get_state()" if saves_itself(first) else ""
+        self.saved_by = saved_by(first)
         self._envs = list(envs)
         self._taken = applied_action_space(first)
         self._make, self._objective = make, Objective(objective)
