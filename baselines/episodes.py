@@ -8,7 +8,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from zoac.core.errors import ConfigError
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner
 from zoac.core.types import Count, Fraction
@@ -62,7 +61,7 @@ class EpisodeTuner(Tuner):
         self._final: _Reevaluation | None = None
         self._start = start
         if start == "baseline":
-            self._unknown = baseline_point(problem, "start: baseline")
+            self._unknown = problem.baseline_start("tuner.start=baseline")
         self._first = self._unknown.copy()
         if start == "random":
             self._first = self._rng.uniform(-1.0, 1.0, problem.space.dimension)
@@ -169,17 +168,6 @@ class EpisodeTuner(Tuner):
         if state["final"] is not None:
             self._final = _Reevaluation(self._problem, self._best)
             self._final.restore(state["final"])
-
-
-def baseline_point(problem: Problem, wanted_by: str) -> np.ndarray:
-    """Return a copy of the task's normalised baseline parameters (d,).
-
-    Raises:
-        ConfigError: If the task has none.
-    """
-    if problem.start is None:
-        raise ConfigError(f"{wanted_by} needs a task with baseline parameters; this one has none")
-    return np.array(problem.start, dtype=np.float64)
 
 
 class _Best:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from zoac.baselines.episodes import baseline_point
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner
 
@@ -20,7 +19,7 @@ class NominalTuner(Tuner):
         Raises:
             ConfigError: If the task has no baseline parameters.
         """
-        self._nominal = baseline_point(problem, "tuner=nominal")
+        self._nominal = problem.baseline_start("tuner=nominal")
 
     def ask(self) -> list[Proposal]:
         """Return nothing: there is nothing to find out."""

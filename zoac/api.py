@@ -190,11 +190,15 @@ def tune(
         the_task = copy(task)  # the caller's stays as it is
     if baseline is not None and task is not None:
         the_task.baseline = dict(baseline)
-    _set(config["tuner"], tuner_options or {}, f"tuner {tuner!r}")
+    options = dict(tuner_options or {})
+    strategies = options.pop("strategies", None)  # no option of any one tuner
+    _set(config["tuner"], options, f"tuner {tuner!r}")
+    if strategies is not None:
+        config["tuner"]["strategies"] = strategies
     told = baseline is not None or (
         isinstance(the_task, UserTask) and the_task.baseline is not None
     )
-    if told and "start" in config["tuner"] and "start" not in (tuner_options or {}):
+    if told and "start" in config["tuner"] and "start" not in options:
         config["tuner"]["start"] = "baseline"
     for name in settings:
         if name not in OTHER_SETTINGS:

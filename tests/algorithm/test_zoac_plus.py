@@ -1,43 +1,34 @@
 import dataclasses
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tests.algorithm.support import grouped
-from tests.algorithm.test_zoac import OPTIONS, iterate
+from tests.algorithm.test_zoac import OPTIONS
 from tests.support import CountingTask, engine
 from zoac.algorithm.advantage import estimate
 from zoac.algorithm.gradient import zeroth_order_gradient
-from zoac.algorithm.zoac_plus import ZoacPlus
+from zoac.algorithm.zoac_plus import PairedZoac, ZoacPlus
 from zoac.core.tuner import Problem
-from zoac.strategies.held_out import HeldOut
 
-PLUS = {
-    **OPTIONS,
-    "last": None,
-    "slope": 0.0,
-    "halving_fraction": 0.0,
-    "selection_fraction": 0.0,
-}
+PLUS = {**OPTIONS, "last": None, "slope": 0.0}
 
 
-def make_plus(seed=0, num_envs=4, budget=10_000, supports_snapshots=True, baseline=None, **options):
-    problem = Problem(
-        CountingTask.space,
-        3,
-        num_envs,
-        budget,
-        7,
-        seed,
-        supports_snapshots=supports_snapshots,
-        baseline=baseline,
-    )
-    return ZoacPlus(problem, **grouped(**{**PLUS, **options}))
+def problem(num_envs=4, budget=10_000, **more):
+    return Problem(CountingTask.space, 3, num_envs, budget, 7, 0, **more)
+
+
+def make_paired(num_envs=4, **options):
+    return PairedZoac(problem(num_envs), **grouped(**{**PLUS, **options}))
+
+
+def make_plus(num_envs=4, budget=10_000, supports_snapshots=True, baseline=None, **options):
+    whole = problem(num_envs, budget, supports_snapshots=supports_snapshots, baseline=baseline)
+    return ZoacPlus(whole, **grouped(**{**PLUS, **options}))
 
 
 def test_a_direction_is_run_both_ways_from_the_same_state():
-    tuner, group = make_plus(), engine(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
+    tuner, group = make_paired(), engine(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
     proposals = tuner.ask()
     segments = group.rollout(proposals)
     assert len(proposals) == 2 * 4 * 2
@@ -49,19 +40,19 @@ def test_a_direction_is_run_both_ways_from_the_same_state():
 
 
 def test_both_segments_count_as_steps():
-    tuner, group = make_plus(), engine(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
+    tuner, group = make_paired(), engine(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
     assert sum(s.length for s in group.rollout(tuner.ask())) == 4 * 2 * 2 * 3
 
 
 def test_the_environments_next_segment_follows_the_restored_segment_that_stayed():
-    tuner, group = make_plus(), engine(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
+    tuner, group = make_paired(), engine(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
     proposals = tuner.ask()
     first = [s for s in group.rollout(proposals) if s.proposal.env_index == 0]
     assert np.array_equal(first[2].observations[0], first[1].observations[-1])
 
 
 def test_targets_of_a_restored_segment_do_not_run_on_into_its_twin():
-    tuner, group = make_plus(), engine(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
+    tuner, group = make_paired(), engine(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
     segments = group.rollout(tuner.ask())
     values = [np.zeros(s.length + 1) for s in segments]
     _, targets = estimate(segments, values, 1.0, 1.0)
@@ -89,192 +80,13 @@ def test_the_paired_estimate_has_the_mean_of_the_unpaired_one_and_less_variance(
     assert (spread_single > 9 * spread_paired).all()
 
 
-def test_goes_down_the_cost():
-    tuner, group = make_plus(num_envs=10), engine(CountingTask(), list(range(10)))
-    iterate(tuner, group, 150)
-    assert CountingTask.space.denormalise(tuner.recommend())["a"] < 0.2
-
-
-def spent_by(tuner, group, until):
-    """Run until `until(tuner)`; return the segments of every batch."""
-    batches = []
-    while not until(tuner):
-        segments = group.rollout(tuner.ask())
-        tuner.tell(segments)
-        batches.append(segments)
-    return batches
-
-
-def halving_over(tuner):
-    return tuner._halving.over
-
-
-def test_the_horizon_of_halving_grows_to_a_whole_episode():
-    tuner, group = (
-        make_plus(halving_fraction=0.3, halving_rounds=5),
-        engine(CountingTask(), range(4)),
-    )
-    batches = spent_by(tuner, group, halving_over)
-    horizons = [batch[0].proposal.horizon for batch in batches]
-    assert horizons == sorted(horizons)
-    assert (horizons[0], horizons[-2:]) == (1, [7, 7])
-
-
-def test_halving_takes_its_fraction_of_the_budget():
-    tuner, group = (
-        make_plus(halving_fraction=0.3, halving_rounds=5),
-        engine(CountingTask(), range(4)),
-    )
-    batches = spent_by(tuner, group, halving_over)
-    steps = sum(segment.length for batch in batches for segment in batch)
-    assert steps == pytest.approx(3000, rel=0.05)
-
-
-def test_every_vector_of_a_round_meets_the_same_starts():
-    tuner, group = make_plus(halving_fraction=0.3), engine(CountingTask(), range(4))
-    for batch in spent_by(tuner, group, halving_over):
-        field = len({tuple(segment.proposal.x) for segment in batch})
-        starts = {tuple(segment.observations[0]) for segment in batch}
-        assert len(starts) == len(batch) // field
-
-
-def test_tuning_starts_at_the_winner_of_the_last_round():
-    tuner, group = make_plus(halving_fraction=0.3), engine(CountingTask(), range(4))
-    last = spent_by(tuner, group, halving_over)[-1]
-    costs = {}
-    for segment in last:
-        costs.setdefault(tuple(segment.proposal.x), []).append(segment.costs.sum())
-    assert len(next(iter(costs.values()))) > 1
-    best = min(costs, key=lambda x: np.mean(costs[x]))
-    assert tuple(tuner._theta) == tuple(tuner.recommend()) == best
-
-
-@pytest.mark.parametrize(("cost", "violation"), [(np.nan, 0.0), (-np.inf, 0.0), (-100.0, 1.0)])
-def test_a_vector_that_violates_or_costs_no_number_does_not_win(cost, violation):
-    tuner, group = make_plus(halving_fraction=0.3), engine(CountingTask(), range(4))
-    segments = group.rollout(tuner.ask())
-    bad = [replace(s, costs=np.full(s.length, cost), violation=violation) for s in segments[:-1]]
-    tuner.tell([*bad, segments[-1]])
-    assert np.array_equal(tuner.recommend(), segments[-1].proposal.x)
-
-
-def test_survivors_go_on_and_children_stay_in_the_box():
-    tuner = make_plus(halving_fraction=0.3, halving_survivors=0.25)
-    group = engine(CountingTask(), range(4))
-    first, second = (group.rollout(tuner.ask()), None)
-    tuner.tell(first)
-    order = np.argsort([s.costs.sum() for s in first], kind="stable")
-    second = np.stack([p.x for p in tuner.ask()])
-    kept = -(-len(second) // 4)
-    assert np.array_equal(second[:kept], np.stack([first[i].proposal.x for i in order[:kept]]))
-    known = {tuple(s.proposal.x) for s in first}
-    assert not any(tuple(x) in known for x in second[kept:])
-    assert np.abs(second).max() <= 1.0
-
-
-def test_winner_and_averages_meet_in_the_final_selection_on_common_episodes():
-    tuner = make_plus(halving_fraction=0.2, selection_fraction=0.3)
-    group = engine(CountingTask(), range(4))
-    spent_by(tuner, group, lambda t: t._in_selection)
-    batch = group.rollout(tuner.ask())
-    assert len(batch) == 4  # the best of successive halving and three averages
-    assert len({tuple(segment.observations[0]) for segment in batch}) == 1
-    assert np.array_equal(batch[-1].proposal.x, tuner._average)
-    assert not np.array_equal(tuner._average, tuner._theta)
-
-
-def test_the_final_selection_recommend_the_lowest_mean_cost():
-    selection = HeldOut(Problem(CountingTask.space, 3, 6, 1000, 7, 0), "finals")
-    bad, good = np.array([0.1, 0.2]), np.array([0.3, 0.4])
-    selection.enter(bad)
-    selection.enter(good)
-    lucky = engine(CountingTask(), range(6)).rollout(selection.ask(3))
-    assert [tuple(s.proposal.x) for s in lucky] == [tuple(bad), tuple(good)] * 3
-    assert len({s.proposal.seed for s in lucky}) == 3
-    # The bad one is the cheapest once, the good one on average.
-    costs = [0.0, 3.0, 9.0, 4.0, 9.0, 3.0]
-    selection.tell([s.with_costs(np.array([c])) for s, c in zip(lucky, costs, strict=True)])
-    assert np.array_equal(selection.best, good)
-
-
-def test_the_baseline_meets_them_there_and_may_win():
-    baseline = np.array([-1.0, 0.3])
-    tuner = make_plus(halving_fraction=0.2, selection_fraction=0.3, baseline=baseline)
-    group = engine(CountingTask(), range(4))
-    spent_by(tuner, group, lambda t: t._in_selection)
-    batch = group.rollout(tuner.ask())
-    assert len(batch) == 5
-    assert np.array_equal(batch[-1].proposal.x, baseline)
-    tuner.tell([*(s.with_costs(s.costs + 1.0) for s in batch[:-1]), batch[-1]])
-    assert np.array_equal(tuner.recommend(), baseline)
-    assert "and the baseline values" in tuner.describe()["recommendation"]
-
-
-@pytest.mark.parametrize("budget", [200, 230, 260])
-def test_an_iteration_that_would_leave_no_final_selection_is_not_begun(budget):
-    """A tenth of so small a budget is less than an iteration."""
-    tuner = make_plus(selection_fraction=0.1, budget=budget)
-    group, steps = engine(CountingTask(), range(4)), 0
-    while steps < budget:
-        segments = group.rollout(tuner.ask())
-        tuner.tell(segments)
-        steps += sum(s.length for s in segments)
-    assert tuner._selection.begun
-
-
-def test_plain_costs_and_constraints_decide_the_final_selection():
-    selection = HeldOut(Problem(CountingTask.space, 3, 6, 1000, 7, 0), "finals")
-    for x in ([0.1, 0.2], [0.3, 0.4], [0.5, 0.6]):
-        selection.enter(np.array(x))
-    segments = engine(CountingTask(), range(6)).rollout(selection.ask(1))
-    plain, told, violations = (1.0, 2.0, 3.0), (9.0, 9.0, 0.0), (0.5, 0.0, 0.0)
-    selection.tell([
-        dataclasses.replace(
-            s, costs=np.array([told[k]]), reported_costs=np.array([plain[k]]),
-            violation=violations[k],
-        )
-        for k, s in enumerate(segments)
-    ])  # fmt: skip
-    assert selection.ranking.tolist() == [1, 2, 0]
-
-
-def test_held_out_episodes_are_not_those_of_the_search():
-    tuner = make_plus(halving_fraction=0.2, selection_fraction=0.3)
-    group = engine(CountingTask(), range(4))
-    search = {p.proposal.seed for b in spent_by(tuner, group, lambda t: t._in_selection) for p in b}
-    assert not search & {p.seed for p in tuner.ask()}
-
-
-def test_where_environments_cannot_be_restored_nothing_is_restored_or_seeded():
-    tuner = make_plus(halving_fraction=0.2, selection_fraction=0.3, supports_snapshots=False)
-    group = engine(CountingTask(), range(4))
-    batches = spent_by(tuner, group, lambda t: t._in_selection)
-    proposals = [s.proposal for batch in batches for s in batch] + tuner.ask()
-    assert not any(p.restore or p.seed is not None for p in proposals)
-    assert {p.horizon for p in proposals} == {None, 3}
-
-
-@pytest.mark.parametrize("after", [1, 3, 8, 20])
-def test_a_restored_tuner_goes_on_to_the_same_bits(after):
-    options = {"halving_fraction": 0.3, "selection_fraction": 0.3, "budget": 1000}
-    tuner, twin = make_plus(**options), make_plus(**options)
-    group = engine(CountingTask(), [0, 1, 2, 3])
-    iterate(tuner, group, after)
-    twin.restore(tuner.state())
-    twin_group = engine(CountingTask(), [0, 1, 2, 3])
-    twin_group.restore(group.state())
-    iterate(tuner, group, 3)
-    iterate(twin, twin_group, 3)
-    assert np.array_equal(tuner.recommend(), twin.recommend())
-
-
 def ended(segments, count):
     """The first `count` of segments terminated, the others not."""
     return [dataclasses.replace(s, terminated=i < count) for i, s in enumerate(segments)]
 
 
 def test_perturbation_and_step_shrink_with_terminations_and_come_back():
-    tuner = make_plus(sigma=0.1, step_size=0.03, max_termination_rate=0.25)
+    tuner = make_paired(sigma=0.1, step_size=0.03, max_termination_rate=0.25)
     group = engine(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
 
     def sigma(terminated):
@@ -288,7 +100,7 @@ def test_perturbation_and_step_shrink_with_terminations_and_come_back():
     assert sigma(4) == pytest.approx(0.1)
     assert sigma(5) == pytest.approx(0.05)
     assert sigma(16) == pytest.approx(0.025)
-    twin = make_plus(sigma=0.1, max_termination_rate=0.25)
+    twin = make_paired(sigma=0.1, max_termination_rate=0.25)
     twin.restore(tuner.state())
     twin.ask()
     assert twin._sigma == pytest.approx(0.025)
@@ -299,25 +111,96 @@ def test_perturbation_and_step_shrink_with_terminations_and_come_back():
 
 
 def test_terminations_are_tolerated_unless_told_otherwise():
-    tuner, group = make_plus(), engine(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
+    tuner, group = make_paired(), engine(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
     tuner.tell(ended(group.rollout(tuner.ask()), 16))
     tuner.ask()
     assert tuner._sigma == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("budget", [866, 944])
-def test_a_baseline_that_enters_does_not_undo_the_decision_to_select(budget):
-    """Three episodes of three candidates take fewer steps than the five of two just decided on."""
-    tuner = make_plus(
-        num_envs=10,
-        budget=budget,
-        baseline=np.array([0.3, -0.2]),
-        selection_fraction=1e-3,
-        selection_candidates=2,
-    )
-    group, spent = engine(CountingTask(), list(range(10))), 0
-    while spent < budget:
-        segments = group.rollout(tuner.ask())
-        spent += sum(segment.length for segment in segments)
+def run(tuner, budget, environments=None):
+    """Return the segments of every batch until the budget is spent."""
+    environments, batches = environments or engine(CountingTask(), range(4)), []
+    while sum(s.length for batch in batches for s in batch) < budget:
+        if not (proposals := tuner.ask()):
+            break
+        segments = environments.rollout(proposals)
         tuner.tell(segments)
-    assert len(tuner._selection.costs) >= 1
+        batches.append(segments)
+    return batches
+
+
+def kind(batch):
+    """Which part of the tuner asked for a batch."""
+    if batch[0].proposal.seed is None:
+        return "pairs" if batch[0].proposal.restore else "one way"
+    return "episodes"
+
+
+def test_it_goes_down_the_cost():
+    tuner = make_plus(num_envs=10)
+    run(tuner, 10_000, engine(CountingTask(), range(10)))
+    assert CountingTask.space.denormalise(tuner.recommend())["a"] < 0.2
+
+
+def test_halving_then_pairs_then_the_final_selection_within_the_budget():
+    batches = run(make_plus(halving_fraction=0.3, halving_rounds=5), 10_000)
+    kinds = [kind(batch) for batch in batches]
+    first, last = kinds.index("pairs"), len(kinds) - kinds[::-1].index("pairs")
+    assert kinds == ["episodes"] * first + ["pairs"] * (last - first) + ["episodes"] * (
+        len(kinds) - last
+    )
+    steps = [sum(s.length for s in batch) for batch in batches]
+    assert first == 5
+    assert sum(steps[:first]) == pytest.approx(3000, rel=0.05)
+    assert sum(steps[last:]) == pytest.approx(1000, rel=0.1)
+    assert sum(steps) <= 10_000
+
+
+def test_pairs_begin_where_halving_ended():
+    batches = run(make_plus(halving_fraction=0.3, halving_rounds=5), 3200)
+    costs = {}
+    for segment in batches[4]:
+        costs.setdefault(tuple(segment.proposal.x), []).append(segment.costs.sum())
+    best = min(costs, key=lambda x: np.mean(costs[x]))
+    plus, minus = (segment.proposal.x for segment in batches[5][:2])
+    np.testing.assert_allclose((plus + minus) / 2, best)
+
+
+def test_the_start_averages_and_the_baseline_meet_in_the_final_selection():
+    baseline = np.array([-1.0, 0.3])
+    tuner = make_plus(halving_fraction=0.2, selection_candidates=3, baseline=baseline)
+    batches = run(tuner, 10_000)
+    first = next(k for k in range(len(batches) - 1, 0, -1) if kind(batches[k]) == "pairs") + 1
+    pairs = next(batch for batch in batches if kind(batch) == "pairs")
+    start = (pairs[0].proposal.x + pairs[1].proposal.x) / 2
+    candidates = np.unique([s.proposal.x for s in batches[first]], axis=0)
+    assert len(candidates) == 5
+    for expected in (start, baseline):
+        assert np.isclose(candidates, expected).all(axis=1).any()
+    assert "of 4 recommendations and the baseline values" in tuner.describe()["recommendation"]
+    assert "successive halving, 20%" in tuner.describe()["start"]
+
+
+def test_each_part_can_be_left_out():
+    alone = {"halving_fraction": 0.0, "selection_fraction": 0.0}
+    assert {kind(batch) for batch in run(make_plus(**alone), 2000)} == {"pairs"}
+    assert {kind(batch) for batch in run(make_plus(**alone, paired=False), 2000)} == {"one way"}
+
+
+def test_where_environments_cannot_be_restored_segments_and_halving_are_the_environments_own():
+    batches = run(make_plus(halving_fraction=0.2, supports_snapshots=False), 10_000)
+    proposals = [s.proposal for batch in batches for s in batch]
+    assert not any(p.restore for p in proposals)
+    assert {(p.horizon, p.seed is None) for p in proposals} == {
+        (None, True), (3, True), (None, False),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("budget", [60, 200, 230, 260])
+def test_a_small_budget_is_kept(budget):
+    """Whether or not it can pay for a final selection."""
+    tuner = make_plus(halving_fraction=0.0, budget=budget)
+    spent = sum(s.length for batch in run(tuner, budget) for s in batch)
+    iteration = 4 * 2 * 2 * 3
+    assert spent <= max(budget, iteration * -(-budget // iteration))
+    assert np.isfinite(tuner.recommend()).all()

@@ -153,7 +153,7 @@ def test_the_search_distribution_has_the_std_asked_for():
 
 
 def test_nominal_start_needs_nominal_parameters():
-    with pytest.raises(ConfigError, match="start: baseline needs a task with baseline parameters"):
+    with pytest.raises(ConfigError, match="tuner.start=baseline needs baseline values"):
         EvolutionStrategy(problem(start=None), start="baseline")
 
 
@@ -161,5 +161,5 @@ def test_nominal_tuner_asks_nothing_and_recommends_the_nominal_parameters():
     tuner = NominalTuner(problem(start=TARGET))
     assert tuner.ask() == []
     assert np.array_equal(tuner.recommend(), TARGET)
-    with pytest.raises(ConfigError, match="tuner=nominal needs a task with baseline parameters"):
+    with pytest.raises(ConfigError, match="tuner=nominal needs baseline values"):
         NominalTuner(problem(start=None))

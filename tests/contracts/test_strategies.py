@@ -2,7 +2,7 @@
 
 import importlib
 import inspect
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,30 +13,26 @@ from tests.contracts.test_pairs import names
 from tests.support import CountingTask, engine
 from zoac.config import factory
 from zoac.config.compose import compose_config, resolved
+from zoac.core.errors import ConfigError
 from zoac.core.state import decode, encode
 from zoac.core.tuner import Problem, Tuner
 from zoac.strategies.acceptance_test import AcceptanceTest
 from zoac.strategies.base import TunerStrategy
-from zoac.strategies.best_evaluated import SELECTION_FRACTION, BestEvaluated
-from zoac.strategies.held_out import search_budget
-from zoac.strategies.held_specs import FRACTION, HeldSpecs
+from zoac.strategies.final_selection import FinalSelection
+from zoac.strategies.held_specs import HeldSpecs
 from zoac.strategies.initial_design import CommonRandomNumbers, InitialDesign
+from zoac.strategies.successive_halving import SuccessiveHalving
 
 BUDGET, NUM_ENVS, STEPS = 210, 4, 7
 
 
-def with_budget_left(problem, fraction):
-    return replace(problem, budget=search_budget(problem.budget, fraction))
-
-
 MAKE = {
-    AcceptanceTest: lambda p, build: AcceptanceTest(build(with_budget_left(p, 0.4)), p, 0.4),
-    BestEvaluated: lambda p, build: BestEvaluated(
-        build(with_budget_left(p, SELECTION_FRACTION)), p, every=70
-    ),
-    InitialDesign: lambda p, build: InitialDesign(p, 6, build),
-    HeldSpecs: lambda p, build: HeldSpecs(build(with_budget_left(p, FRACTION)), p),
-    CommonRandomNumbers: lambda p, build: CommonRandomNumbers(build(p), p.seed),
+    AcceptanceTest: partial(AcceptanceTest, fraction=0.4),
+    CommonRandomNumbers: CommonRandomNumbers,
+    FinalSelection: partial(FinalSelection, fraction=0.4),
+    HeldSpecs: HeldSpecs,
+    InitialDesign: partial(InitialDesign, count=6),
+    SuccessiveHalving: partial(SuccessiveHalving, rounds=3),
 }
 
 
@@ -88,3 +84,48 @@ def test_a_strategy_keeps_the_contract_of_a_tuner(strategy, tuner):
     assert encode(made.state()).plain == before
     killed = run(make(strategy, tuner), remake=lambda: make(strategy, tuner))
     np.testing.assert_equal(killed, (asked, answer, batches))
+
+
+def composed(*overrides):
+    config = resolved(compose_config([*overrides, "budget=400", "num_envs=4"]))
+    return factory.build_tuner(config["tuner"], CountingTask(), factory.build_settings(config))
+
+
+def test_strategies_are_composed_by_configuration_the_first_the_outermost():
+    made = composed(
+        "tuner=es",
+        "+tuner.strategies.successive_halving.fraction=0.25",
+        "+tuner.strategies.final_selection={candidates: 5}",
+        "common_random_numbers=true",
+    )
+    choices = made.describe()
+    assert choices["start"] == "successive halving, 25% of the budget"
+    assert choices["recommendation"].startswith("best of 6 recommendations")
+    assert choices["episodes"] == "common to a batch"
+    assert isinstance(made, SuccessiveHalving)
+    assert isinstance(made._tuner, FinalSelection)
+    asked, answer, _ = run(made)
+    assert {p[4] is None for p in asked} == {False}
+    assert answer.shape == (2,)
+
+
+def test_a_strategy_of_ones_own_is_named_by_its_target():
+    path = "zoac.strategies.initial_design.CommonRandomNumbers"
+    made = composed("tuner=random", f"+tuner.strategies.mine._target_={path}")
+    assert isinstance(made, CommonRandomNumbers)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["+tuner.strategies.final_selektion={}"], "did you mean 'final_selection'"),
+        (["+tuner.strategies=[final_selection]"], "expected options by name"),
+        (["+tuner.strategies.final_selection.fraction=2"], "tuner.strategies.final_selection.frac"),
+        (["tuner=random", "+tuner.strategies.successive_halving={}"], "this tuner takes none"),
+        (["+tuner.strategies.successive_halving={}", "initial_sigma=0.1"], "initial_sigma gives"),
+        (["+tuner.strategies.mine._target_=zoac.baselines.es.EvolutionStrategy"], "mine._target_"),
+    ],
+)
+def test_strategies_that_cannot_be_are_refused(overrides, message):
+    with pytest.raises(ConfigError, match=message):
+        composed(*overrides)

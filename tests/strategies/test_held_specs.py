@@ -6,8 +6,7 @@ from zoac.baselines.random_search import RandomSearch
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.segments import Segment
 from zoac.core.tuner import Problem
-from zoac.strategies.held_out import search_budget
-from zoac.strategies.held_specs import FRACTION, HeldSpecs
+from zoac.strategies.held_specs import HeldSpecs
 
 STEPS = 10
 
@@ -21,8 +20,7 @@ def problem(budget, baseline=None):
 def answer(episodes, noise, baseline=None):
     """Tune by random points: the cost falls with a, which must stay below 0.3 plus noise."""
     whole = problem(episodes * STEPS, baseline)
-    left = problem(search_budget(whole.budget, FRACTION), baseline)
-    tuner = HeldSpecs(RandomSearch(left, recommendation="best_seen"), whole)
+    tuner = HeldSpecs(whole, lambda left: RandomSearch(left, recommendation="best_seen"))
     rng = np.random.default_rng(0)
     while proposals := tuner.ask():
         segments = []

@@ -52,7 +52,7 @@ def test_what_sampling_cost_is_taken_from_the_tuners_budget():
         given.append(left)
         return factory.build_tuner(OPTIONS, CountingTask(), Settings(budget=1, num_envs=4))
 
-    drive(InitialDesign(problem, 6, begin), engine(CountingTask(), [0, 1, 2, 3]), 2)
+    drive(InitialDesign(problem, begin, count=6), engine(CountingTask(), [0, 1, 2, 3]), 2)
     assert given[-1].budget == 500 - 6 * 7
 
 
@@ -83,7 +83,8 @@ def test_common_episodes_are_common_to_a_batch_and_to_no_other():
 def test_segments_and_seeded_episodes_are_left_alone():
     config = resolved(compose_config(["tuner=zoac"]))
     inner = factory.build_tuner(config["tuner"], CountingTask(), Settings(num_envs=4))
-    assert all(p.seed is None for p in CommonRandomNumbers(inner, 0).ask())
+    problem = Problem(CountingTask.space, 3, 4, 500, 7, 0)
+    assert all(p.seed is None for p in CommonRandomNumbers(problem, lambda _: inner).ask())
 
 
 @pytest.mark.parametrize("tuner", ["zoac", "zoac_plus", "bo", "cmaes", "cmaes_full", "nevergrad"])

@@ -148,7 +148,7 @@ def test_plain_costs_decide_and_are_logged_where_the_tuner_is_told_more(tuner, t
     verdict, rows = result.record["acceptance_test"], read_metrics(tmp_path)
     assert abs(verdict["baseline_cost_mean"]) < 100
     assert abs(verdict["candidate_cost_mean"]) < 100
-    chosen = {"zoac_plus": "selection_best_cost", "random": "reevaluated_best"}[tuner]
+    chosen = {"zoac_plus": "select_best_cost", "random": "reevaluated_best"}[tuner]
     for name in (chosen, "acceptance_baseline_cost", "acceptance_candidate_cost"):
         told = [row[name] for row in rows if name in row]
         assert told

@@ -7,26 +7,22 @@ them into advantages; the parameters follow the zeroth-order gradient.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field
 
 from zoac.algorithm.adam import Adam
 from zoac.algorithm.advantage import estimate
 from zoac.algorithm.critic import Critic
 from zoac.algorithm.gradient import standardised, zeroth_order_gradient
 from zoac.algorithm.options import CriticOptions, Exploration, StepSize
-from zoac.core.errors import ConfigError
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner
+from zoac.core.types import UnitInterval
 from zoac.rollout.outcomes import step_costs
 
 CRITIC_LIMIT = 1e15
 """What the critic, a network in float32, is shown lies within: squares of it do not overflow."""
-
-UnitInterval = Annotated[float, Field(ge=0, le=1)]
-
 
 _STARTS = {
     "random": "uniform in the mapped box, from the seed",
@@ -82,9 +78,7 @@ class Zoac(Tuner):
         self._start = start
         self._theta = self._rng.uniform(-1.0, 1.0, dimension)  # theta_m
         if start == "baseline":
-            if problem.start is None:
-                raise ConfigError("tuner.start=baseline: this task has no baseline parameters")
-            self._theta = problem.start.copy()
+            self._theta = problem.baseline_start("tuner.start=baseline")
         self._average = self._theta.copy()
         self._adam = Adam(dimension)
         self._iteration = self._skipped = 0

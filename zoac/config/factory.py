@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
+from dataclasses import fields
+from functools import partial
 from typing import Any
 
 from zoac.config.named_code import kinds_of, locate_maker
 from zoac.config.settings import Settings
 from zoac.config.validate import TARGET, check_arguments, with_groups
-from zoac.core.errors import ConfigError
+from zoac.core.errors import ConfigError, suggest
 from zoac.core.tuner import Problem, Tuner
 from zoac.executors.base import Executor
 from zoac.loggers.base import Logger
@@ -17,9 +18,9 @@ from zoac.rollout.task import Task
 from zoac.specs.judge import EPISODES_ONLY
 from zoac.strategies.acceptance_test import AcceptanceTest
 from zoac.strategies.around_baseline import around_baseline
-from zoac.strategies.best_evaluated import SELECTION_FRACTION, BestEvaluated
-from zoac.strategies.held_out import search_budget
-from zoac.strategies.held_specs import FRACTION, HeldSpecs
+from zoac.strategies.base import Begin, StartSearch, TunerStrategy
+from zoac.strategies.final_selection import best_evaluated
+from zoac.strategies.held_specs import HeldSpecs
 from zoac.strategies.initial_design import CommonRandomNumbers, InitialDesign
 
 
@@ -102,42 +103,113 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
         baseline=baseline,
     )
     env.close()
+    make = _with_strategies(node, settings)
     if task.specs:
         _refuse_parts_of_episodes(node)
-    if task.held_specs and any(spec.hard and not spec.of_loop for spec in task.specs):
-        left = replace(whole, budget=search_budget(whole.budget, FRACTION))
-        return HeldSpecs(build_tuner_for(node, left, settings), whole)
-    return build_tuner_for(node, whole, settings)
+        if task.held_specs and any(spec.hard and not spec.of_loop for spec in task.specs):
+            return HeldSpecs(whole, make)
+    return make(whole)
 
 
 def build_tuner_for(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
     """Return the tuner of a config node, and what wraps it, for a problem."""
-    if settings.initial_sigma is not None:
-        node = around_baseline(node, settings.initial_sigma)
-    return _tested(node, problem, settings)
+    return _with_strategies(node, settings)(problem)
 
 
 def _refuse_parts_of_episodes(node: Mapping[str, Any]) -> None:
     """Raise if a tuner asks for parts of episodes, over which specs cannot be judged."""
-    made_by = locate_maker(node[TARGET], (Tuner,), f"tuner.{TARGET}")
-    if not getattr(made_by, "whole_episodes", True):
-        raise ConfigError(f"{node[TARGET]} sees parts of episodes, and {EPISODES_ONLY}")
+    named = _named_strategies(node)
+    for part in (node, *named.values()):
+        if not _class_of(part).whole_episodes:
+            raise ConfigError(f"{part[TARGET]} sees parts of episodes, and {EPISODES_ONLY}")
 
 
-def _tested(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
-    """Return the tuner, its answer tested against the baseline values if that is asked for."""
-    if settings.acceptance_test is None:
-        return _selected(node, problem, settings)
-    left = replace(problem, budget=search_budget(problem.budget, settings.acceptance_test))
-    return AcceptanceTest(_selected(node, left, settings), problem, settings.acceptance_test)
+def _with_strategies(node: Mapping[str, Any], settings: Settings) -> Begin:
+    """Return what makes the tuner of a config node, in the strategies that are asked for.
+
+    Raises:
+        ConfigError: If a strategy is unknown, or does not go with the tuner.
+    """
+    if settings.initial_sigma is not None:
+        node = around_baseline(node, settings.initial_sigma)
+    around: list[Callable[..., Tuner]] = []  # from the outside in
+    if settings.acceptance_test is not None:
+        around.append(partial(AcceptanceTest, fraction=settings.acceptance_test))
+    if settings.select == "best_evaluated":
+        around.append(partial(best_evaluated, every=settings.eval_every))
+    named = _named_strategies(node)
+    around += [partial(_build_strategy, name, part) for name, part in named.items()]
+    if settings.common_random_numbers:
+        around.append(CommonRandomNumbers)
+    if settings.initial_samples is not None:
+        around.append(partial(InitialDesign, count=settings.initial_samples))
+    node = {key: value for key, value in node.items() if key != "strategies"}
+    for looking in _look_for_a_start(named, settings):
+        node = _begun_at_start(node, looking, settings)
+
+    def make(problem: Problem) -> Tuner:
+        tuner: Tuner = build(node, "tuner", Tuner, problem=problem)
+        return tuner
+
+    for strategy in reversed(around):
+        make = partial(strategy, begin=make)
+    return make
 
 
-def _selected(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
-    """Return the tuner, its answer the best of those evaluated if that is asked for."""
-    if settings.select != "best_evaluated":
-        return _on_terms(node, problem, settings)
-    left = replace(problem, budget=search_budget(problem.budget, SELECTION_FRACTION))
-    return BestEvaluated(_on_terms(node, left, settings), problem, settings.eval_every)
+STRATEGIES = {
+    "successive_halving": "zoac.strategies.successive_halving.SuccessiveHalving",
+    "final_selection": "zoac.strategies.final_selection.FinalSelection",
+}
+"""Strategies that a tuner's option `strategies` knows by name; others have a setting of the run."""
+
+
+def _named_strategies(node: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the nodes of `tuner.strategies` by name, the first the outermost."""
+    named = node.get("strategies") or {}
+    if not isinstance(named, Mapping):
+        raise ConfigError(
+            f"tuner.strategies={named!r}: expected options by name of a strategy, such as "
+            "{final_selection: {candidates: 5}}"
+        )
+    nodes = {}
+    for name, options in named.items():
+        target = {TARGET: STRATEGIES[name]} if name in STRATEGIES else {}
+        nodes[name] = {**target, **(options or {})}
+        if TARGET not in nodes[name]:
+            raise ConfigError(f"unknown tuner.strategies.{name}; {suggest(name, list(STRATEGIES))}")
+    return nodes
+
+
+def _build_strategy(name: str, node: Mapping[str, Any], problem: Problem, begin: Begin) -> Tuner:
+    where = f"tuner.strategies.{name}"
+    tuner: Tuner = build(node, where, TunerStrategy, problem=problem, begin=begin)
+    return tuner
+
+
+def _look_for_a_start(named: Mapping[str, Mapping[str, Any]], settings: Settings) -> list[str]:
+    """Return what looks for a start, as the user wrote it."""
+    found = [
+        f"tuner.strategies.{name}"
+        for name, node in named.items()
+        if issubclass(_class_of(node), StartSearch)
+    ]
+    if settings.initial_samples is not None:
+        found.append(f"initial_samples={settings.initial_samples}")
+    return found
+
+
+def _class_of(node: Mapping[str, Any]) -> type[Tuner]:
+    made_by: Any = locate_maker(node[TARGET], (Tuner,), f"tuner.{TARGET}")
+    return made_by if isinstance(made_by, type) else Tuner
+
+
+def _begun_at_start(node: Mapping[str, Any], looking: str, settings: Settings) -> dict[str, Any]:
+    """Return a tuner's node that begins where another found a start."""
+    if settings.initial_sigma is not None:
+        raise ConfigError(f"{looking}: it looks for a start, and initial_sigma gives one")
+    if "start" not in node:
+        raise ConfigError(f"{looking}: it looks for a start, and this tuner takes none")
+    return {**node, "start": "baseline"}
 
 
 def baseline_use(node: Mapping[str, Any], task: Task, settings: Settings) -> dict[str, str]:
@@ -159,27 +231,6 @@ def baseline_use(node: Mapping[str, Any], task: Task, settings: Settings) -> dic
         halved = settings.initial_sigma is None and node.get("halving_fraction")
         more = ", if they win against random points" if halved else ""
     return {"baseline values": told + more}
-
-
-def _on_terms(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
-    """Return the tuner, with an initial design and common random numbers if they are asked for."""
-    if settings.initial_samples is None:
-        tuner: Tuner = build(node, "tuner", Tuner, problem=problem)
-    else:
-        if "start" not in node or settings.initial_sigma is not None:
-            why = (
-                "initial_sigma gives one"
-                if settings.initial_sigma is not None
-                else "this tuner takes none"
-            )
-            raise ConfigError(
-                f"initial_samples={settings.initial_samples}: it looks for a start, and {why}"
-            )
-        node = {**node, "start": "baseline"}
-        tuner = InitialDesign(
-            problem, settings.initial_samples, lambda p: build(node, "tuner", Tuner, problem=p)
-        )
-    return CommonRandomNumbers(tuner, settings.seed) if settings.common_random_numbers else tuner
 
 
 def build_executor(config: Mapping[str, Any]) -> Executor:

@@ -57,7 +57,7 @@ class Settings:
             `zoac.strategies.acceptance_test.AcceptanceTest`.
         select: "best_evaluated": the answer is the best of the evaluated recommendations and the
             baseline, on held-out episodes that a fifth of the budget pays for, see
-            `zoac.strategies.best_evaluated`; "last" or None: what the tuner recommends at the end.
+            `zoac.strategies.final_selection`; "last" or None: what the tuner recommends at the end.
         failure_penalty: Cost of a step that fails, which ends its episode: controller or
             environment raises, or returns what is not finite; None: that ends the run with a
             message. The result's record counts `failures` and keeps the `first_failure`.

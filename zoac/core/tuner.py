@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from zoac.core.errors import ConfigError
 from zoac.core.parameters import ParameterSpace
 from zoac.core.seeding import stream
 from zoac.core.segments import Proposal, Segment
@@ -43,6 +44,19 @@ class Problem:
     def rng(self, name: str) -> np.random.Generator:
         """Return the run's random stream called `name`, from its beginning."""
         return stream(self.seed, name)
+
+    def baseline_start(self, wanted_by: str) -> np.ndarray:
+        """Return a copy of `start` (d,).
+
+        Args:
+            wanted_by: The option that asks for it, for the message.
+
+        Raises:
+            ConfigError: If there is none.
+        """
+        if self.start is None:
+            raise ConfigError(f"{wanted_by} needs baseline values, and this task has none")
+        return np.array(self.start, dtype=np.float64)
 
 
 class Tuner(ABC):

@@ -9,8 +9,10 @@ import numpy as np
 
 from zoac.core.errors import ConfigError
 from zoac.core.segments import Proposal, Segment
-from zoac.core.tuner import Problem, Tuner
-from zoac.strategies.held_out import HeldOut, ReservedSteps
+from zoac.core.tuner import Problem
+from zoac.core.types import Fraction
+from zoac.strategies.base import Begin, ReservedSteps
+from zoac.strategies.held_out import HeldOut
 from zoac.strategies.paired_comparison import MIN_PAIRS, Comparison, compare
 
 
@@ -22,11 +24,11 @@ class AcceptanceTest(ReservedSteps):
     before the first; `Comparison` decides after the last. If it cannot, the baseline is kept.
     """
 
-    def __init__(self, tuner: Tuner, problem: Problem, fraction: float) -> None:
+    def __init__(self, problem: Problem, begin: Begin, *, fraction: Fraction) -> None:
         """
         Args:
-            tuner: Who searches; its own problem has the budget that is left for it.
-            problem: What is tuned, with the whole budget and a start, the baseline.
+            problem: What is tuned, with a start, the baseline.
+            begin: Makes the tuner that searches.
             fraction: Of the budget, for held-out episodes.
 
         Raises:
@@ -36,12 +38,12 @@ class AcceptanceTest(ReservedSteps):
             raise ConfigError(
                 "acceptance_test: there are no baseline values to compare with; give the task some"
             )
-        super().__init__(tuner, problem, fraction)
+        super().__init__(problem, begin, fraction)
         self._start = problem.start
         self._pairs = 0  # how many will be run
         self._episodes = HeldOut(problem, "acceptance_test")
 
-    def _begin(self) -> None:
+    def _prepare(self) -> None:
         self._episodes.enter(self._start)
         self._episodes.enter(self._tuner.recommend())
         if not self._candidate_is_start:

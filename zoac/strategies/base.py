@@ -1,21 +1,36 @@
-"""The base class of everything that wraps a tuner."""
+"""Base classes of everything that wraps a tuner.
+
+A strategy's constructor takes the `Problem`, a function that makes the tuner inside for a problem,
+and its options by keyword. The inner tuner's problem has the budget that the strategy leaves it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from zoac.core.segments import Proposal, Segment
-from zoac.core.tuner import Tuner
+from zoac.core.tuner import Problem, Tuner
+
+Begin = Callable[[Problem], Tuner]
+"""Makes a tuner for a problem."""
 
 
 class TunerStrategy(Tuner):
     """A tuner around another: a subclass changes some of what it does and forwards the rest."""
 
-    def __init__(self, tuner: Tuner) -> None:
-        self._tuner = tuner
+    def __init__(self, problem: Problem, begin: Begin) -> None:
+        """
+        Args:
+            problem: What is tuned.
+            begin: Makes the tuner inside.
+        """
+        self._problem = problem
+        self._tuner = begin(problem)
 
     def ask(self) -> list[Proposal]:
         """See `Tuner.ask`."""
@@ -48,3 +63,146 @@ class TunerStrategy(Tuner):
     def describe(self) -> dict[str, Any]:
         """See `Tuner.describe`."""
         return self._tuner.describe()
+
+
+class StartSearch(TunerStrategy):
+    """A tuner that begins at the best point of a search for a start, whose steps count.
+
+    Until that search is over, the tuner inside is one that would begin at the best point so far.
+    It must begin at `Problem.start`.
+    """
+
+    def __init__(self, problem: Problem, begin: Begin) -> None:
+        """
+        Args:
+            problem: What is tuned.
+            begin: Makes the tuner for a problem with `start`, where to begin, and the budget that
+                is left.
+        """
+        self._begin, self._spent = begin, 0
+        super().__init__(problem, self._begin_at_best)
+
+    def _begin_at_best(self, problem: Problem) -> Tuner:
+        left = max(0, problem.budget - self._spent)
+        return self._begin(replace(problem, start=self._best(), budget=left))
+
+    @property
+    @abstractmethod
+    def _looking(self) -> bool:
+        """Whether the search for a start goes on."""
+
+    @abstractmethod
+    def _best(self) -> np.ndarray:
+        """Return the best mapped parameters (d,) so far."""
+
+    @abstractmethod
+    def _ask_start(self) -> list[Proposal]:
+        """Return the next batch of the search for a start."""
+
+    @abstractmethod
+    def _tell_start(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """Take what came back for it."""
+
+    def ask(self) -> list[Proposal]:
+        """Return what the search for a start asks; then what the tuner asks."""
+        return self._ask_start() if self._looking else super().ask()
+
+    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """Pass what came back to the one that asked for it."""
+        if not self._looking:
+            return super().tell(segments)
+        self._spent += sum(segment.length for segment in segments)
+        numbers = self._tell_start(segments)
+        if not self._looking:
+            self._tuner = self._begin_at_best(self._problem)
+        return numbers
+
+    def recommend(self) -> np.ndarray:
+        """Return the best point so far, then the tuner's recommendation."""
+        return self._best() if self._looking else super().recommend()
+
+    def state(self) -> Any:
+        """See `Tuner.state`."""
+        return {"spent": self._spent, **super().state()}
+
+    def restore(self, state: Any) -> None:
+        """See `Tuner.restore`; a subclass restores its own part first."""
+        self._spent = state["spent"]
+        self._tuner = self._begin_at_best(self._problem)
+        super().restore(state)
+
+
+class ReservedSteps(TunerStrategy):
+    """A tuner that leaves the last steps of the budget to something else.
+
+    The search ends before the first batch that could touch the reserved steps, were all of its
+    episodes to run to their time limit.
+    """
+
+    def __init__(self, problem: Problem, begin: Begin, fraction: float) -> None:
+        """
+        Args:
+            problem: What is tuned.
+            begin: Makes the tuner that searches.
+            fraction: Of the budget, for what comes after the search.
+        """
+        self._fraction = fraction
+        self._search_steps = search_budget(problem.budget, fraction)
+        super().__init__(problem, lambda p: begin(replace(p, budget=self._search_steps)))
+        self._steps = 0
+        # Where there is no time limit, episodes may be longer than those that were measured.
+        self._longest = problem.max_episode_steps
+        self._searching = True
+
+    def ask(self) -> list[Proposal]:
+        """Return what the tuner asks, while that is sure to leave the reserved steps."""
+        if self._searching:
+            proposals = super().ask() if self._steps < self._search_steps else []
+            if proposals and self._steps + self._max_steps(proposals) <= self._search_steps:
+                return proposals
+            self._searching = False
+            self._prepare()
+        return self._ask_after()
+
+    def _max_steps(self, proposals: Sequence[Proposal]) -> int:
+        whole = self._longest
+        return sum(whole if p.horizon is None else min(p.horizon, whole) for p in proposals)
+
+    @property
+    def _left(self) -> int:
+        """Environment steps that are left of the whole budget."""
+        return self._problem.budget - self._steps
+
+    @abstractmethod
+    def _prepare(self) -> None:
+        """Prepare what comes after the search."""
+
+    @abstractmethod
+    def _ask_after(self) -> list[Proposal]:
+        """Return the next batch after the search."""
+
+    @abstractmethod
+    def _tell_after(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """Take what came back for it."""
+
+    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
+        """Pass on what the tuner asked for, or take what came after."""
+        lengths = [segment.length for segment in segments]
+        self._steps += sum(lengths)
+        self._longest = max(self._longest, *lengths)
+        return super().tell(segments) if self._searching else self._tell_after(segments)
+
+    def state(self) -> Any:
+        """See `Tuner.state`."""
+        counted = self._steps, self._longest, self._searching
+        return {**super().state(), "counted": counted}
+
+    def restore(self, state: Any) -> None:
+        """See `Tuner.restore`."""
+        super().restore(state)
+        self._steps, self._longest, self._searching = state["counted"]
+
+
+def search_budget(budget: int, fraction: float) -> int:
+    """Return the environment steps that are left to the search."""
+    return int(budget * (1.0 - fraction))

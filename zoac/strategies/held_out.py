@@ -1,18 +1,15 @@
-"""Candidates for the answer, compared on the same held-out episodes, whose steps are reserved."""
+"""Candidates for the answer, compared on the same held-out episodes."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
-from zoac.core.tuner import Problem, Tuner
+from zoac.core.tuner import Problem
 from zoac.rollout.outcomes import bad_is_infinite, cost_sums, ranking
-from zoac.strategies.base import TunerStrategy
 
 
 class HeldOut:
@@ -22,14 +19,13 @@ class HeldOut:
     violation comes first and the lowest mean cost second.
     """
 
-    def __init__(self, problem: Problem, name: str, *, seeded: bool = True) -> None:
+    def __init__(self, problem: Problem, name: str) -> None:
         """
         Args:
             problem: What is tuned.
             name: Of the stream that the episodes' seeds come from; no other part of a run has it.
-            seeded: False: the episodes are the environments' own.
         """
-        self._problem, self._name, self._seeded = problem, name, seeded
+        self._problem, self._name = problem, name
         self._candidates = np.empty((0, problem.space.dimension))
         self.costs = np.empty((0, 0))
         """Plain costs (episodes, candidates); infinite where a cost is not finite."""
@@ -84,7 +80,7 @@ class HeldOut:
         num_envs, done = self._problem.num_envs, len(self.costs)
         runs = [(episode, x) for episode in range(done, done + episodes) for x in self._candidates]
         return [
-            Proposal(x, i % num_envs, seed=self._seed(episode))
+            Proposal(x, i % num_envs, seed=stream_seed(self._problem.seed, self._name, episode))
             for i, (episode, x) in enumerate(runs)
         ]
 
@@ -100,9 +96,6 @@ class HeldOut:
     def steps(self, episodes: int) -> int:
         """Return the steps that so many episodes of every candidate take at most."""
         return episodes * len(self._candidates) * self._problem.max_episode_steps
-
-    def _seed(self, episode: int) -> int | None:
-        return stream_seed(self._problem.seed, self._name, episode) if self._seeded else None
 
     def tell(self, segments: Sequence[Segment]) -> None:
         """Take the episodes, in the order of the proposals."""
@@ -125,79 +118,3 @@ class HeldOut:
         """Restore what `state` returned."""
         arrays = (array.copy() for array in state)
         self._candidates, self.costs, self.violations, self.failed = arrays
-
-
-class ReservedSteps(TunerStrategy):
-    """A tuner that leaves the last fraction of the budget to something else.
-
-    The search ends before the first batch that could touch the reserved steps, were all of its
-    episodes to run to their time limit.
-    """
-
-    def __init__(self, tuner: Tuner, problem: Problem, fraction: float) -> None:
-        """
-        Args:
-            tuner: Who searches; its own problem has the budget that is left for it.
-            problem: What is tuned, with the whole budget.
-            fraction: Of the budget, for what comes after the search.
-        """
-        super().__init__(tuner)
-        self._problem, self._fraction = problem, fraction
-        self._search_steps = search_budget(problem.budget, fraction)
-        self._steps = 0
-        # Where there is no time limit, episodes may be longer than those that were measured.
-        self._longest = problem.max_episode_steps
-        self._searching = True
-
-    def ask(self) -> list[Proposal]:
-        """Return what the tuner asks, while that is sure to leave the reserved steps."""
-        if self._searching:
-            proposals = super().ask() if self._steps < self._search_steps else []
-            if proposals and self._steps + self._max_steps(proposals) <= self._search_steps:
-                return proposals
-            self._searching = False
-            self._begin()
-        return self._ask_after()
-
-    def _max_steps(self, proposals: Sequence[Proposal]) -> int:
-        whole = self._longest
-        return sum(whole if p.horizon is None else min(p.horizon, whole) for p in proposals)
-
-    @property
-    def _left(self) -> int:
-        """Environment steps that are left of the whole budget."""
-        return self._problem.budget - self._steps
-
-    @abstractmethod
-    def _begin(self) -> None:
-        """Prepare what comes after the search."""
-
-    @abstractmethod
-    def _ask_after(self) -> list[Proposal]:
-        """Return the next batch after the search."""
-
-    @abstractmethod
-    def _tell_after(self, segments: Sequence[Segment]) -> dict[str, float]:
-        """Take what came back for it."""
-
-    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
-        """Pass on what the tuner asked for, or take what came after."""
-        lengths = [segment.length for segment in segments]
-        self._steps += sum(lengths)
-        self._longest = max(self._longest, *lengths)
-        return super().tell(segments) if self._searching else self._tell_after(segments)
-
-    def state(self) -> Any:
-        """See `Tuner.state`."""
-        counted = self._steps, self._longest, self._searching
-        return {**super().state(), "counted": counted}
-
-    def restore(self, state: Any) -> None:
-        """See `Tuner.restore`."""
-        super().restore(state)
-        self._steps, self._longest, self._searching = state["counted"]
-
-
-def search_budget(budget: int, fraction: float) -> int:
-    """Return the environment steps that are left to the search."""
-    return int(budget * (1.0 - fraction))

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from zoac.core.segments import Proposal, Segment
-from zoac.core.tuner import Problem, Tuner
+from zoac.core.tuner import Problem
 from zoac.rollout.outcomes import Outcomes, ranking
-from zoac.strategies.held_out import HeldOut, ReservedSteps
+from zoac.strategies.base import Begin, ReservedSteps
+from zoac.strategies.held_out import HeldOut
 
 FRACTION = 0.25
 """Of the budget, for held-out episodes on which the answer is chosen."""
@@ -39,13 +40,13 @@ class HeldSpecs(ReservedSteps):
     cheapest.
     """
 
-    def __init__(self, tuner: Tuner, problem: Problem) -> None:
+    def __init__(self, problem: Problem, begin: Begin) -> None:
         """
         Args:
-            tuner: Who searches, by whole episodes; its own problem has the budget that is left.
-            problem: What is tuned, with the whole budget.
+            problem: What is tuned.
+            begin: Makes the tuner that searches, by whole episodes.
         """
-        super().__init__(tuner, problem, FRACTION)
+        super().__init__(problem, begin, FRACTION)
         self._points = np.empty((0, problem.space.dimension))
         self._outcomes = Outcomes.none()
         self._episodes = HeldOut(problem, "held_specs")
@@ -57,7 +58,7 @@ class HeldSpecs(ReservedSteps):
             self._outcomes += Outcomes.of(segments)
         return super().tell(segments)
 
-    def _begin(self) -> None:
+    def _prepare(self) -> None:
         self._episodes.enter_baseline()
         self._episodes.enter(self._problem.space.clip(self._tuner.recommend()))
         for count in NEIGHBOURS:

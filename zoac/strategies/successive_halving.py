@@ -1,4 +1,4 @@
-"""Find a start by successive halving: try many parameter vectors briefly, few for long.
+"""Successive halving for any tuner: try many parameter vectors briefly, few for long.
 
 Most vectors show within a few steps that they are bad (Jamieson and Talwalkar, 2016). All vectors
 of a round run from the same start under the same disturbances. The better ones stay for the next
@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem
+from zoac.core.types import Count, UnitInterval
 from zoac.rollout.outcomes import bad_is_infinite, cost_sums, ranking
+from zoac.strategies.base import Begin, StartSearch
 
 SHORTEST = 1 / 40
 """Horizon of the first round, as a part of an episode's time limit."""
@@ -31,63 +33,69 @@ DIFFERENCE, JITTER = 0.7, 0.02
 """Which fraction of a difference offspring moves by, and the standard deviation of its noise."""
 
 
-class SuccessiveHalving:
-    """Rounds of equal numbers of steps; the horizon grows geometrically to a whole episode.
+class SuccessiveHalving(StartSearch):
+    """A tuner that begins at the winner of rounds of equal numbers of steps.
 
-    The last round is between the best few only, over as many whole episodes as its steps allow.
-    Where environments cannot be restored (`Problem.supports_snapshots`), every round runs whole
-    episodes from the environments' own starts.
+    The horizon grows geometrically to a whole episode. The last round is between the best few only,
+    over as many whole episodes as its steps allow. Where environments cannot be restored
+    (`Problem.supports_snapshots`), every round runs whole episodes from the environments' own
+    starts.
     """
+
+    whole_episodes = False
 
     def __init__(
         self,
         problem: Problem,
-        rng: np.random.Generator,
-        first: np.ndarray,
+        begin: Begin,
         *,
-        fraction: float,
-        rounds: int,
-        survivor_fraction: float | None,
+        fraction: UnitInterval = 0.4,
+        rounds: Count = 6,
+        survivors: UnitInterval | None = None,
+        start: Literal["random", "baseline"] = "random",
     ) -> None:
         """
         Args:
             problem: What is tuned.
-            rng: The tuner's random stream.
-            first: Mapped parameters (d,) that take part in the first round.
-            fraction: Of the budget; 0: `first` is the best without a round.
-            rounds: How many.
-            survivor_fraction: Which fraction of a round are the last round's best; the rest are
-                their offspring. None: d / `NO_OFFSPRING`, at most 1.
+            begin: Makes the tuner for a problem with `start`, where to begin, and the budget that
+                is left.
+            fraction: Of the budget.
+            rounds: How many; 3 or more begin with parts of episodes.
+            survivors: Which fraction of a round are the last round's best; the rest are their
+                offspring. Few survivors suit few parameters; None: d / `NO_OFFSPRING`, at most 1.
+            start: Whether the baseline values take part in the first round, or random ones only.
+
+        Raises:
+            ConfigError: If baseline values are to take part and there are none.
         """
-        self._problem, self._rng = problem, rng
-        self._first = first
-        self._survivor_fraction = (
-            min(1.0, len(first) / NO_OFFSPRING) if survivor_fraction is None else survivor_fraction
-        )
-        count = rounds if fraction > 0 else 0
+        dimension = problem.space.dimension
+        self._rng = problem.rng("successive_halving")
+        self._first = self._rng.uniform(-1.0, 1.0, dimension)
+        if start == "baseline":
+            self._first = problem.baseline_start("start=baseline")
+        self._survivors = min(1.0, dimension / NO_OFFSPRING) if survivors is None else survivors
+        self._fraction, self._start = fraction, start
         steps = fraction * problem.budget / rounds
-        self._horizons = _horizons(problem, count)
+        self._horizons = _horizons(problem, rounds)
         self._sizes = [max(MIN_POINTS, int(steps / h)) for h in self._horizons]
-        self._episodes = [1] * count
-        if count > 1:
+        self._episodes = [1] * rounds
+        if rounds > 1:
             self._sizes[-1] = MIN_POINTS
             whole = int(steps / (MIN_POINTS * problem.max_episode_steps))
             self._episodes[-1] = max(1, whole)
         self._round = 0
-        self._points = np.empty((0, problem.space.dimension))
-        self._ranked = first[None].copy()  # the better half of the last round, best first
+        self._points = np.empty((0, dimension))
+        self._ranked = self._first[None].copy()  # the better half of the last round, best first
+        super().__init__(problem, begin)
 
     @property
-    def over(self) -> bool:
-        """Whether every round has been run."""
-        return self._round == len(self._horizons)
+    def _looking(self) -> bool:
+        return self._round < len(self._horizons)
 
-    @property
-    def best(self) -> np.ndarray:
-        """The best mapped parameters (d,) so far."""
+    def _best(self) -> np.ndarray:
         return self._ranked[0].copy()
 
-    def ask(self) -> list[Proposal]:
+    def _ask_start(self) -> list[Proposal]:
         """Return the next round: all its vectors, divided among the environments."""
         size = self._sizes[self._round]
         self._points = self._uniform(size) if self._round == 0 else self._descendants(size)
@@ -109,7 +117,7 @@ class SuccessiveHalving:
     def _descendants(self, size: int) -> np.ndarray:
         """Return the next round's vectors (size, d): survivors and their offspring."""
         ranked, rng = self._ranked, self._rng
-        parents = ranked[: max(2, math.ceil(self._survivor_fraction * size))][:size]
+        parents = ranked[: max(2, math.ceil(self._survivors * size))][:size]
         count = size - len(parents)
         parent = parents[rng.integers(len(parents), size=count)]
         one, other = ranked[rng.integers(len(ranked), size=(2, count))]
@@ -117,7 +125,7 @@ class SuccessiveHalving:
         offspring = parent + DIFFERENCE * (one - other) + JITTER * noise
         return np.concatenate([parents, self._problem.space.clip(offspring)])
 
-    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
+    def _tell_start(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Rank the vectors by what came back, in the order of the proposals."""
         costs = bad_is_infinite(cost_sums(segments)).reshape(len(self._points), -1).mean(axis=1)
         violations = np.reshape([s.violation for s in segments], (len(self._points), -1))
@@ -126,14 +134,28 @@ class SuccessiveHalving:
         self._round += 1
         return {"halving_round": self._round, "halving_best_cost": float(costs[order[0]])}
 
-    def state(self) -> dict[str, Any]:
-        """Return everything that lasts between rounds; the random stream is the tuner's."""
-        return {"round": self._round, "points": self._points.copy(), "ranked": self._ranked.copy()}
+    def state(self) -> Any:
+        """See `Tuner.state`."""
+        return {
+            "rng": self._rng.bit_generator.state,
+            "round": self._round,
+            "points": self._points.copy(),
+            "ranked": self._ranked.copy(),
+            **super().state(),
+        }
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restore what `state` returned."""
+    def restore(self, state: Any) -> None:
+        """See `Tuner.restore`."""
+        self._rng.bit_generator.state = state["rng"]
         self._round = state["round"]
         self._points, self._ranked = state["points"].copy(), state["ranked"].copy()
+        super().restore(state)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the tuner's choices, its start replaced."""
+        among = ", the baseline values take part" if self._start == "baseline" else ""
+        told = f"successive halving, {self._fraction:.0%} of the budget{among}"
+        return {**super().describe(), "start": told}
 
 
 def _horizons(problem: Problem, rounds: int) -> list[int]:

@@ -19,7 +19,7 @@ from zoac.config import factory
 from zoac.core.errors import ConfigError, RunFolderError, TrialsPending
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner
-from zoac.strategies.held_out import search_budget
+from zoac.strategies.base import search_budget
 from zoac.studies.settings import StudySettings
 from zoac.studies.trial import Trial
 

@@ -17,7 +17,7 @@ from zoac.rollout.evaluation import evaluation_proposals
 from zoac.runs.log import RunLog
 from zoac.runs.schema import read_metrics
 from zoac.strategies import acceptance_test
-from zoac.strategies.best_evaluated import BestEvaluated
+from zoac.strategies.final_selection import best_evaluated
 from zoac.training.trainer import Interrupted, Trainer
 
 
@@ -51,7 +51,7 @@ PATH = (0.9, 0.3, -0.4, 0.2, 0.5, 0.7, 0.8)
 def make(path=PATH, budget=2000, every=7, baseline=None, **more):
     x = None if baseline is None else np.array([baseline, 0.0])
     problem = Problem(CountingTask.space, 3, 4, budget, 7, 0, x, baseline=x)
-    return BestEvaluated(Wanderer(path), problem, every, **more)
+    return best_evaluated(problem, lambda _: Wanderer(path), every=every, **more)
 
 
 def drive(tuner, group=None, batches=None):
@@ -136,7 +136,9 @@ def test_a_restored_one_goes_on_to_the_same_bits(batches):
 def test_it_goes_together_with_the_acceptance_test():
     baseline = np.array([0.0, 0.0])
     whole = Problem(CountingTask.space, 3, 4, 4000, 7, 0, baseline, baseline=baseline)
-    tuner = acceptance_test.AcceptanceTest(make(budget=2000, baseline=0.0), whole, 0.5)
+    tuner = acceptance_test.AcceptanceTest(
+        whole, lambda left: make(budget=left.budget, baseline=0.0), fraction=0.5
+    )
     drive(tuner)
     assert tuner.recommend()[0] == -0.4
     assert tuner.outcome()["acceptance_test"]["accepted"]

@@ -1,4 +1,4 @@
-"""The answer of a run is the best of its evaluated recommendations, not the last one."""
+"""The answer of a run is the best of its recommendations on held-out episodes, not the last one."""
 
 from __future__ import annotations
 
@@ -10,50 +10,53 @@ import numpy as np
 
 from zoac.core.errors import ConfigError
 from zoac.core.segments import Proposal, Segment
-from zoac.core.tuner import Problem, Tuner
-from zoac.strategies.held_out import HeldOut, ReservedSteps
+from zoac.core.tuner import Problem
+from zoac.core.types import Count, UnitInterval
+from zoac.strategies.base import Begin, ReservedSteps, search_budget
+from zoac.strategies.held_out import HeldOut
 
-SELECTION_FRACTION = 0.2
-"""Of the budget, for held-out episodes on which the answer is chosen."""
+FRACTION = 0.2
+"""Of the budget, where a run's evaluated recommendations are the candidates."""
 
 MIN_EPISODES = 2
 """Of every candidate, at least."""
 
 
-class BestEvaluated(ReservedSteps):
+class FinalSelection(ReservedSteps):
     """A tuner whose answer is chosen among what it recommended on the way, and the baseline.
 
-    Candidates are the recommendations that the run evaluated, the last one and the baseline. They
-    are compared on common episodes that neither the search nor any evaluation sees, by successive
-    halving: each round drops the worse half and costs as many steps as any other.
+    Candidates are the first recommendation, some from the way and the last one, and the baseline
+    where there is one. They are compared on common episodes that neither the search nor any
+    evaluation sees, by successive halving: each round drops the worse half and costs as many steps
+    as any other. A budget that cannot pay for two candidates is left to the search.
     """
 
-    def __init__(self, tuner: Tuner, problem: Problem, every: int) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        begin: Begin,
+        *,
+        fraction: UnitInterval = 0.1,
+        candidates: Count = 3,
+        every: Count | None = None,
+    ) -> None:
         """
         Args:
-            tuner: Who searches; its own problem has the budget that is left for it.
-            problem: What is tuned, with the whole budget.
-            every: Environment steps between the run's evaluations.
-
-        Raises:
-            ConfigError: If the budget cannot pay for two candidates.
+            problem: What is tuned.
+            begin: Makes the tuner that searches.
+            fraction: Of the budget, for held-out episodes; more, if two candidates need more.
+            candidates: Recommendations after the first one, taken at equal distances.
+            every: Environment steps from one candidate to the next, instead.
         """
-        super().__init__(tuner, problem, SELECTION_FRACTION)
-        reserved = problem.budget - self._search_steps
-        if (needed := self._steps_of(2)) > reserved:
-            raise ConfigError(
-                f"select=best_evaluated: choosing between two candidates may take {needed:,} "
-                f"steps, and its fraction of the budget is {reserved:,}; give a budget of "
-                f"{math.ceil(needed / SELECTION_FRACTION):,} steps or more"
-            )
-        self._every, self._next = every, 0
+        least = steps_to_choose(problem, 2) / max(1, problem.budget)
+        chosen = 0.0 if least > 0.5 else max(fraction, least)
+        super().__init__(problem, begin, chosen)
+        self._count = None if every is not None else candidates + 1
+        self._every = every or max(1, -(-self._search_steps // candidates))
+        self._next = 0
         self._noted: list[tuple[int, np.ndarray]] = []  # steps so far, recommendation
         self._episodes = HeldOut(problem, "select")
         self._rounds = self._until = 0  # rounds left, this one included; episodes at its end
-
-    def _steps_of(self, count: int) -> int:
-        """Return the steps that the selection among `count` candidates takes at most, at least."""
-        return _rounds(count) * count * MIN_EPISODES * self._problem.max_episode_steps
 
     def ask(self) -> list[Proposal]:
         """Return what the tuner asks; then the candidates' episodes."""
@@ -67,7 +70,7 @@ class BestEvaluated(ReservedSteps):
         if not any(np.array_equal(x, noted) for _, noted in self._noted):
             self._noted.append((self._steps, x.copy()))
 
-    def _begin(self) -> None:
+    def _prepare(self) -> None:
         self._note()
         count, baselines = len(self._noted), int(self._problem.baseline is not None)
         while count + baselines > 2 and self._steps_of(count + baselines) > self._left:
@@ -75,7 +78,11 @@ class BestEvaluated(ReservedSteps):
         for k in np.linspace(len(self._noted) - 1, 0, count).round().astype(int):
             self._episodes.enter(self._noted[k][1])
         self._episodes.enter_baseline()
-        self._begin_round(_rounds(len(self._episodes.candidates)))
+        if self._fraction:
+            self._begin_round(_rounds(len(self._episodes.candidates)))
+
+    def _steps_of(self, count: int) -> int:
+        return steps_to_choose(self._problem, count)
 
     def _begin_round(self, rounds: int) -> None:
         self._rounds = rounds
@@ -104,7 +111,7 @@ class BestEvaluated(ReservedSteps):
         return self._episodes.best if self._episodes.begun else super().recommend()
 
     def outcome(self) -> dict[str, Any]:
-        """Return for `result.json` after how many steps the answer had been recommended."""
+        """Return for `result.json` after how many steps of the search the answer came up."""
         x = self.recommend()
         steps = [steps for steps, noted in self._noted if np.array_equal(noted, x)]
         chosen = {"recommended_at": steps[0] if steps else None, "episodes": self._until}
@@ -130,10 +137,41 @@ class BestEvaluated(ReservedSteps):
 
     def describe(self) -> dict[str, Any]:
         """Return the tuner's choices and the selection."""
+        if not self._fraction:
+            return super().describe()
+        among = "evaluated" if self._count is None else self._count
+        baseline = "" if self._problem.baseline is None else " and the baseline values"
         told = (
-            f"best evaluated recommendation, {self._fraction:.0%} of the budget held out to choose"
+            f"best of {among} recommendations{baseline} on common held-out episodes, "
+            f"{self._problem.budget - self._search_steps:,} steps"
         )
-        return {**super().describe(), "select": told}
+        return {**super().describe(), "recommendation": told}
+
+
+def best_evaluated(problem: Problem, begin: Begin, *, every: int) -> FinalSelection:
+    """Return a tuner whose answer is the best of the recommendations that its run evaluates.
+
+    Args:
+        problem: What is tuned.
+        begin: Makes the tuner that searches.
+        every: Environment steps between the run's evaluations.
+
+    Raises:
+        ConfigError: If the budget cannot pay for two candidates.
+    """
+    reserved = problem.budget - search_budget(problem.budget, FRACTION)
+    if (needed := steps_to_choose(problem, 2)) > reserved:
+        raise ConfigError(
+            f"select=best_evaluated: choosing between two candidates may take {needed:,} "
+            f"steps, and its fraction of the budget is {reserved:,}; give a budget of "
+            f"{math.ceil(needed / FRACTION):,} steps or more"
+        )
+    return FinalSelection(problem, begin, fraction=FRACTION, every=every)
+
+
+def steps_to_choose(problem: Problem, count: int) -> int:
+    """Return the steps that a choice among `count` candidates takes at least."""
+    return _rounds(count) * count * MIN_EPISODES * problem.max_episode_steps
 
 
 def _rounds(count: int) -> int:
