@@ -7,6 +7,7 @@ import json
 import os
 import pickle
 import signal
+import subprocess
 import threading
 import time
 from contextlib import suppress
@@ -232,6 +233,17 @@ class StuckTask(CountingTask):
         return _Stuck(*self._stuck)
 
 
+class SimulatorTask(CountingTask):
+    """Its controller starts a program, says so by a file named by its process, and waits for it."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self._folder = folder
+
+    def make_controller(self) -> EchoController:
+        return _Simulator(self._folder)
+
+
 class SmallGroupTask(CountingTask):
     """An environment of one environment cannot be made."""
 
@@ -259,6 +271,15 @@ def end_within(seconds: float, mark: str) -> bool:
             return False
         time.sleep(0.05)
     return True
+
+
+class _Simulator(EchoController):
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def act(self, params: Any, obs: np.ndarray, memory: Any) -> Any:
+        with subprocess.Popen(["sleep", "600"]):
+            (self._folder / f"sign.{os.getpid()}").touch()
 
 
 class _Suicidal(EchoController):

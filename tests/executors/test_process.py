@@ -142,7 +142,7 @@ def test_workers_end_with_their_parent_whatever_they_are_at(how, number, tmp_pat
     while not (tmp_path / "sign").exists():
         assert parent.poll() is None
         time.sleep(0.01)
-    assert len(support.marked(str(tmp_path))) == 3
+    assert len(support.marked(str(tmp_path))) >= 3
     parent.send_signal(number)
     parent.wait()
     assert support.end_within(3.0, str(tmp_path))

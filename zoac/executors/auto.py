@@ -131,7 +131,6 @@ class Auto(Executor):
     def _start_workers(self) -> None:
         if self._starting is None:
             try:
-                # In this thread: a worker ends with the thread that made it.
                 self._processes.launch(*self._made_of)
             except WorkerError as error:
                 self._stay(str(error))

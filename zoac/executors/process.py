@@ -11,6 +11,7 @@ from typing import Any
 
 from zoac.core.errors import WorkerError
 from zoac.core.types import Count
+from zoac.executors import guard
 from zoac.executors.pool import Handle, Pool
 from zoac.executors.worker import receive, send
 from zoac.rollout.task import Task
@@ -116,7 +117,7 @@ class _ProcessHandle(Handle):
 
     def close(self) -> None:
         """See `Handle.close`."""
-        self._process.kill()
+        guard.kill(self._process)
         self._process.wait()
         for stream in (self._input, self._output):
             with contextlib.suppress(OSError):  # what was not sent yet has no reader any more
@@ -129,14 +130,12 @@ class _ProcessHandle(Handle):
         # run a user's script again.
         path = os.pathsep.join(p for p in sys.path if p)
         try:
-            self._process = subprocess.Popen(
+            self._process = guard.started(
                 [sys.executable, "-m", "zoac.executors.worker"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
                 cwd=Path.cwd(),
-                # Ctrl-C is for this process to handle: workers end with it.
-                start_new_session=os.name == "posix",
             )
         except OSError as error:  # too many processes, or too little memory
             raise WorkerError(

@@ -2,13 +2,12 @@
 pipes.
 
 Requests and replies are cloudpickles, each behind its length. The worker ends when its standard
-input does, whatever it is at, so it never outlives the process that started it.
+input does, unless a step of the user's holds the interpreter; `zoac.executors.guard` sees to that.
 """
 
 from __future__ import annotations
 
 import os
-import signal
 import struct
 import sys
 import threading
@@ -135,21 +134,8 @@ def _portable(error: Exception) -> Exception:
     return error
 
 
-def die_with_parent() -> None:
-    """Have the kernel kill this process when the thread that started it ends, where it can.
-
-    A thread of Python's own cannot see to that while a user's library holds the interpreter.
-    """
-    if sys.platform == "linux":
-        import ctypes
-
-        set_parent_death_signal = 1
-        ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
-
-
 def main() -> None:
     """Serve requests until standard input ends."""
-    die_with_parent()
     # What a user's environment prints must not get between the replies, nor what it reads be a
     # request.
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "wb")

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from zoac.core.errors import ConfigError, ZoacError
+from zoac.executors import guard
 from zoac.studies.settings import seconds
 
 FILE = "{file}"
@@ -81,14 +82,14 @@ class Program:
         with self._mutex:
             self._stopped = True
             for process in self._running:
-                _kill(process)
+                guard.kill(process)
 
     def _once(self, text: str) -> dict[str, Any]:
         with self._words(text) as (words, given), self._started(words) as process:
             try:
                 output, errors = process.communicate(given, self.timeout)
             except subprocess.TimeoutExpired:
-                _kill(process)
+                guard.kill(process)
                 output, errors = process.communicate()
                 raise self._failed(
                     f"did not end within {self.timeout:g} s", output, errors
@@ -118,13 +119,12 @@ class Program:
             if self._stopped:
                 raise ProgramError("stopped")
             try:
-                process = subprocess.Popen(
+                process = guard.started(
                     words,
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.PIPE,
                     cwd=self._cwd,
-                    start_new_session=True,
                 )
             except OSError as error:
                 raise ProgramError(f"cannot start {words[0]!r}: {error.strerror}") from None
@@ -132,7 +132,7 @@ class Program:
         try:
             yield process
         finally:
-            _kill(process)
+            guard.kill(process)
             process.wait()
             for pipe in (process.stdin, process.stdout, process.stderr):
                 with suppress(OSError):
@@ -192,13 +192,3 @@ def _exit(code: int) -> str:
         return f"was ended by {signal.Signals(-code).name}"
     except ValueError:
         return f"was ended by signal {-code}"
-
-
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    """Kill a program and its children, whether or not it has ended."""
-    if os.name == "posix":
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)  # it leads a group of its own
-    elif process.poll() is None:
-        words = ["taskkill", "/F", "/T", "/PID", str(process.pid)]
-        subprocess.run(words, capture_output=True, check=False)
