@@ -16,6 +16,8 @@ from zoac.config.named_code import locate_code
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.types import is_number
 from zoac.envs.objective import Objective
+from zoac.rollout.task import Task
+from zoac.specs.judge import check
 from zoac.specs.signals import Signal, action, diagnostic, info, named, observation
 from zoac.specs.spec import Spec
 
@@ -146,6 +148,37 @@ def with_objective(specs: tuple[Spec, ...], objective: Any) -> tuple[str, tuple[
     return "reward", (*specs, *parts)
 
 
+def with_requirements(
+    task: Task,
+    signals: Mapping[str, Any] | None,
+    sample_time: float | None,
+    specs: Sequence[Any],
+    objective: Any,
+) -> Task:
+    """Return a task with signals and requirements beside its own.
+
+    Args:
+        task: What is changed, and returned.
+        signals: Further ones by name, or others than the task's own.
+        sample_time: Seconds of a step; None: the task's own.
+        specs: Further ones.
+        objective: "auto": the task's own; or a soft spec, or several, which take its place.
+
+    Raises:
+        ConfigError: If one cannot be used.
+    """
+    _, added = with_objective(specs_of(specs), objective)
+    if not (signals or added or sample_time):
+        return task
+    kept = [s for s in task.specs if s.hard or all(other.hard for other in added)]
+    task.signals = {**task.signals, **signals_of(signals or {})}
+    task.sample_time = _seconds(sample_time) or task.sample_time
+    task.specs = (*kept, *added)
+    task.objective = objective_text(added, task.objective)
+    check(task.specs, task.signals, task.sample_time)
+    return task
+
+
 def sample_time_of(given: float | None, env: gymnasium.Env) -> float | None:
     """Return the seconds of a step: what is given, or what the environment says; None: unknown.
 
@@ -163,9 +196,13 @@ def sample_time_of(given: float | None, env: gymnasium.Env) -> float | None:
         fps: Any = inner.metadata.get("render_fps")
         told.append(1.0 / fps if is_number(fps) and fps > 0 else None)
         found = next((value for value in told if is_number(value)), None)
-    if found is not None and not (is_number(found) and math.isfinite(found) and found > 0):
-        raise ConfigError(f"sample_time={found!r}: expected seconds, above 0")
-    return None if found is None else float(found)
+    return _seconds(found)
+
+
+def _seconds(given: Any) -> float | None:
+    if given is not None and not (is_number(given) and math.isfinite(given) and given > 0):
+        raise ConfigError(f"sample_time={given!r}: expected seconds, above 0")
+    return None if given is None else float(given)
 
 
 def objective_text(specs: Sequence[Spec], otherwise: str) -> str:

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import inspect
-import json
-import re
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from zoac.config import factory, fingerprint
+from zoac.config import factory
 from zoac.config.auto_tuner import tuner_for
 from zoac.config.files import configuration
 from zoac.config.settings import Evaluation, Settings, whole_numbers
-from zoac.core.errors import ConfigError, Interrupted, option_names, suggest
+from zoac.core.errors import ConfigError, Interrupted, suggest
 from zoac.core.measures import Constraint, Metric
 from zoac.core.parameters import ParameterSpace
 from zoac.core.types import is_number
@@ -25,13 +22,14 @@ from zoac.envs.plant_numbers import Bounds
 from zoac.envs.single_env import EnvSource
 from zoac.loggers.console import Console
 from zoac.rollout.task import Task
-from zoac.runs import schema
 from zoac.runs.result import Result, keep_task, result_of
 from zoac.runs.schema import TASK
 from zoac.specs.spec import Spec
 from zoac.studies.carry_out import from_tune
-from zoac.tasks.user_task import UserTask, user_task
-from zoac.training.identity import with_code
+from zoac.tasks.given_task import given_task, is_by_name, name_of, set_options
+from zoac.tasks.given_task import make_task as make_task
+from zoac.tasks.user_task import UserTask
+from zoac.training.identity import settings_of_task, with_code
 from zoac.training.lifecycle import Run, execute
 
 RESUME = ("auto", "never", "overwrite")
@@ -40,25 +38,6 @@ OTHER_SETTINGS = tuple(
     f.name for f in fields(Settings) if f.name not in ("seed", "budget", "eval_every", "evaluation")
 )
 """What `tune` takes as `**settings`."""
-
-
-def make_task(name: str, **overrides: Any) -> Task:
-    """Return a task by its config name.
-
-    Args:
-        name: As on the command line: "pid_acc", "mpc_tracking", ...
-        overrides: `mpc_solver="riccati"`, `fidelity="authors_code"`, or options of the task
-            (`max_episode_steps=200`).
-
-    Raises:
-        ConfigError: If the task, a choice or an option is unknown, or a value cannot be used.
-    """
-    groups = {key: overrides.pop(key) for key in ("mpc_solver", "fidelity") if key in overrides}
-    config = configuration(task=name, tuner=None, **groups)
-    _set(config["task"], overrides, f"task {name!r}", ("mpc_solver", "fidelity"))
-    task = factory.build_task(config)
-    task.preset = name
-    return task
 
 
 def tune(
@@ -99,6 +78,7 @@ def tune(
 
     Args:
         task: A `Task`, or the name of a built-in one; else give `env`, `controller` and `space`.
+            Signals, specs and an objective of specs go with any task.
         env: A Gymnasium id, a function that makes an environment, or an environment.
         controller: `act(params, obs)`, or an object with such a method that may remember things
             and begins an episode in `reset()`; params is {name: number}, obs an array.
@@ -176,7 +156,8 @@ def tune(
     }
     if resume not in RESUME:
         raise ConfigError(f"resume={resume!r}; {suggest(resume, RESUME)}")
-    the_task = _task(task, env, controller, space, of_task)
+    of_user = {"env": env, "controller": controller, "space": space}
+    the_task = given_task(task, of_user, of_task)
     if tuner == "auto":
         tuner, more = tuner_for(the_task, budget)
         settings = {**more, **settings}
@@ -186,13 +167,9 @@ def tune(
         executor=executor,
         preset=f"{the_task.preset}/{tuner}",
     )
-    if isinstance(task, Task):
-        the_task = copy(task)  # the caller's stays as it is
-    if baseline is not None and task is not None:
-        the_task.baseline = dict(baseline)
     options = dict(tuner_options or {})
     strategies = options.pop("strategies", None)  # no option of any one tuner
-    _set(config["tuner"], options, f"tuner {tuner!r}")
+    set_options(config["tuner"], options, f"tuner {tuner!r}")
     if strategies is not None:
         config["tuner"]["strategies"] = strategies
     told = baseline is not None or (
@@ -213,15 +190,16 @@ def tune(
         Evaluation, {"episodes": episodes, "final_episodes": final_episodes}
     )
     config["resume"] = resume
-    if not isinstance(task, str):
-        config["task"] = _identity(the_task, of_task)
+    by_name = is_by_name(task, of_task)
+    if not by_name:
+        config["task"] = settings_of_task(the_task, of_task, config.get("task", {}))
     checked = factory.build_settings(config)
     if checked.failure_penalty is not None:
         the_task.failure_penalty = checked.failure_penalty
     identified, doubts = with_code(config, the_task)
     where = Path(folder or tempfile.mkdtemp(prefix="zoac-")).expanduser()
     run = Run(
-        identity={"task": _name(task, env), "tuner": tuner, "seed": checked.seed},
+        identity={"task": name_of(task, env), "tuner": tuner, "seed": checked.seed},
         config=identified,
         doubts=doubts,
         command=sys.argv,
@@ -238,67 +216,6 @@ def tune(
     except Interrupted as stopped:
         stopped.result = result_of(stopped.record, the_task.fixed, where, the_task)
         raise
-    if not isinstance(task, str) and not (where / TASK).exists():
+    if not by_name and not (where / TASK).exists():
         keep_task(the_task, where)
     return result_of(result, the_task.fixed, where, the_task)
-
-
-def _task(
-    task: Task | str | None,
-    env: EnvSource | None,
-    controller: Any,
-    space: ParameterSpace | Mapping[str, Any] | None,
-    options: Mapping[str, Any],
-) -> Task:
-    """Return the task to tune."""
-    if task is not None:
-        given = {"env": env, "controller": controller, "space": space}
-        given |= {name: value or None for name, value in options.items() if name != "baseline"}
-        given["objective"] = None if options["objective"] == "auto" else str(options["objective"])
-        doubled = [name for name, value in given.items() if value is not None]
-        if doubled:
-            raise ConfigError(f"give either task or env, controller and space; not {doubled} too")
-        return make_task(task) if isinstance(task, str) else task
-    if env is None or controller is None or space is None:
-        raise ConfigError("tune needs a task, or all of env, controller and space")
-    return user_task(env=env, controller=controller, space=space, **options)
-
-
-def _identity(task: Task, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that tell a task without a YAML file from others, as plain data."""
-    told = {
-        "space": [str(p) for p in task.space.parameters],
-        "fixed": dict(task.fixed),
-        "baseline": dict(task.baseline or {}),
-        "max_episode_steps": options["max_episode_steps"],
-        "plant": dict(options["plant"] or {}),
-        "vary": dict(options["vary"] or {}),
-        "objective": options["objective"] if isinstance(options["objective"], str) else "specs",
-        "signals": {name: str(signal.label) for name, signal in task.signals.items()},
-        "sample_time": task.sample_time,
-        "specs": [spec.told() for spec in task.specs],
-    }
-    plain: dict[str, Any] = json.loads(schema.json_line(told))
-    return {key: value for key, value in plain.items() if value or key == "fixed"}
-
-
-def _name(task: Task | str | None, env: EnvSource | None) -> str:
-    """Return what a task is called in tables: its own name, its class's or its environment's."""
-    if task is not None:
-        return task if isinstance(task, str) else type(task).__name__
-    last = fingerprint.name(env).rpartition(".")[2]
-    return re.sub(r"[^\w.-]+", "-", last).strip("-")
-
-
-def _set(
-    node: dict[str, Any], options: Mapping[str, Any], what: str, more: Sequence[str] = ()
-) -> None:
-    """Set options of a config node; an unknown one gets the nearest."""
-    for key, value in options.items():
-        if key not in node:
-            known = [*option_names(node), *more]
-            raise ConfigError(f"{what} has no option {key!r}; {suggest(key, known)}")
-        if isinstance(node[key], dict) and isinstance(value, Mapping):
-            _set(node[key], value, f"{key} of {what}")
-        else:
-            node[key] = value

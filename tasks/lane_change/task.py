@@ -9,8 +9,9 @@ from zoac.core.parameters import Parameter, ParameterSpace, choice, integer
 from zoac.core.segments import Segment
 from zoac.core.types import Count
 from zoac.rollout.task import Task
+from zoac.specs.signals import action, observation
 from zoac.tasks.lane_change.driver import RuleBasedDriver
-from zoac.tasks.lane_change.plant import LaneChangeVecEnv
+from zoac.tasks.lane_change.plant import SAMPLE_TIME, LaneChangeVecEnv
 
 
 def _too_near(segment: Segment) -> np.ndarray:
@@ -45,6 +46,12 @@ class LaneChange(Task):
         "closing": 3.0, "gain": 2.0, "patience": 5, "better": "speed",
     }  # fmt: skip
     """A careful driver's rules of thumb."""
+    sample_time = SAMPLE_TIME
+    signals = {
+        "speed": observation(0, unit="m/s"),
+        "gap": observation(1, unit="m"),
+        "acceleration": action(0, unit="m/s²"),
+    }
 
     def __init__(self, *, max_episode_steps: Count = 300) -> None:
         """

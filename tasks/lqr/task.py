@@ -11,7 +11,8 @@ from zoac.core.controller import Controller, Diagnostics, Memory, Parameters
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.types import Count, NonNegative
 from zoac.rollout.task import Task
-from zoac.tasks.lqr.plant import LqrVecEnv, Q, optimal_gain
+from zoac.specs.signals import action, observation
+from zoac.tasks.lqr.plant import SAMPLE_TIME, LqrVecEnv, Q, optimal_gain
 
 GAINS = ParameterSpace(
     [Parameter("k_x", 0.0, 10.0, unit="1/s^2"), Parameter("k_v", 0.0, 10.0, unit="1/s")]
@@ -57,6 +58,13 @@ def _gain(weights: tuple[float, float]) -> np.ndarray:
 
 class Lqr(Task):
     """Two parameters: gains in [0, 10], or state weights over four decades."""
+
+    sample_time = SAMPLE_TIME
+    signals = {
+        "position": observation(0, unit="m"),
+        "speed": observation(1, unit="m/s"),
+        "input": action(0, unit="m/s²"),
+    }
 
     def __init__(
         self,

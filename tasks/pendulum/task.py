@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.core.segments import Segment
 from zoac.core.types import Count, Positive
 from zoac.rollout.task import Task
+from zoac.specs.signals import Signal, action, observation
 from zoac.tasks.pendulum.controller import EnergyPd
-from zoac.tasks.pendulum.plant import PendulumVecEnv
+from zoac.tasks.pendulum.plant import SAMPLE_TIME, PendulumVecEnv
+
+
+def _angle(segment: Segment) -> np.ndarray:
+    """Return the angle from upright, (T + 1,) [rad]."""
+    cosine, sine, _ = segment.observations.T
+    return np.arctan2(sine, cosine)
 
 
 class Pendulum(Task):
@@ -22,6 +32,12 @@ class Pendulum(Task):
     )
     baseline = {"energy": 0.1, "kp": 10.0, "kd": 2.0, "switch": 0.5}
     """Gains by hand, which swing up and hold."""
+    sample_time = SAMPLE_TIME
+    signals = {
+        "angle": Signal("angle from upright", _angle, "rad"),
+        "speed": observation(2, unit="rad/s"),
+        "torque": action(0, unit="N m"),
+    }
 
     def __init__(
         self,

@@ -9,8 +9,9 @@ from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.segments import Segment
 from zoac.core.types import Count, NonNegative
 from zoac.rollout.task import Task
+from zoac.specs.signals import observation
 from zoac.tasks.pid_acc.pid import IncrementalPid
-from zoac.tasks.pid_acc.plant import Jerk, PidAccVecEnv
+from zoac.tasks.pid_acc.plant import SAMPLE_TIME, Jerk, PidAccVecEnv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,6 +23,13 @@ class PidAcc(Task):
     space = ParameterSpace([Parameter(name, 0.0, 10.0) for name in ("k", "Kp", "Ki", "Kd")])
     baseline = {"k": 2.492, "Kp": 0.8307, "Ki": 0.0, "Kd": 3.1173}
     """The hand-tuned gains of the authors' first release."""
+    sample_time = SAMPLE_TIME
+    signals = {
+        "clearance_error": observation(0, unit="m"),
+        "speed_error": observation(1, unit="m/s"),
+        "acceleration": observation(2, unit="m/s²"),
+        "command": observation(9, unit="m/s²"),
+    }
 
     def __init__(
         self,

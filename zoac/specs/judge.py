@@ -112,7 +112,12 @@ def check(specs: Sequence[Spec], signals: Mapping[str, Signal], sample_time: flo
             raise ConfigError(f"specs: {label} is there twice")
         for name in spec.signals:
             if name not in signals:
-                raise ConfigError(f"{spec}: no signal {name!r}; {suggest(name, signals)}")
+                told = (
+                    suggest(name, signals)
+                    if signals
+                    else (f"name it: signals={{{name!r}: zoac.observation(0)}}")
+                )
+                raise ConfigError(f"{spec}: no signal {name!r}; {told}")
         if spec.of_loop and spec.loop is None:
             raise ConfigError(
                 f"{spec}: expected loop=, a function of the parameters that returns the open loop "

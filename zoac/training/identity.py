@@ -9,6 +9,34 @@ from typing import Any
 from zoac.config import fingerprint
 from zoac.config.validate import TARGET, locate
 from zoac.rollout.task import Task
+from zoac.runs import schema
+
+
+def settings_of_task(
+    task: Task, options: Mapping[str, Any], node: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the settings that tell a task without a YAML file from others, as plain data.
+
+    Args:
+        task: What is tuned.
+        options: As for `zoac.tasks.given_task.given_task`.
+        node: Configuration of the built-in task that it is made from; empty without one.
+    """
+    told = {
+        "built_in": {("target" if k == TARGET else k): value for k, value in node.items()},
+        "space": [str(p) for p in task.space.parameters],
+        "fixed": dict(task.fixed),
+        "baseline": dict(task.baseline or {}),
+        "max_episode_steps": options["max_episode_steps"],
+        "plant": dict(options["plant"] or {}),
+        "vary": dict(options["vary"] or {}),
+        "objective": options["objective"] if isinstance(options["objective"], str) else "specs",
+        "signals": {name: str(signal.label) for name, signal in task.signals.items()},
+        "sample_time": task.sample_time,
+        "specs": [spec.told() for spec in task.specs],
+    }
+    plain: dict[str, Any] = json.loads(schema.json_line(told))
+    return {key: value for key, value in plain.items() if value or key == "fixed"}
 
 
 def with_code(config: Mapping[str, Any], task: Task) -> tuple[dict[str, Any], Sequence[str]]:
