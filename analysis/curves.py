@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import count
 from typing import Any
 
@@ -21,7 +21,7 @@ from zoac.analysis.data.fairness import refuse_mixed, refuse_unequal
 from zoac.analysis.data.frames import numbers
 from zoac.analysis.data.runs import Collection, Method, Run, by_method
 from zoac.analysis.figures import style
-from zoac.analysis.figures.labels import METRICS, TASKS, family, method_labels
+from zoac.analysis.figures.labels import METRICS, TASKS, family, method_labels, tuner_names
 from zoac.analysis.statistics.stats import Scores, interquartile_mean, mean, step_value, summarise
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.seeding import stream
@@ -45,11 +45,12 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One picture: a metric on a family of tasks."""
+    """One picture: a metric on a family of tasks; `names`: see `tuner_names`."""
 
     task: str
     metric: str
     curves: tuple[Curve, ...]
+    names: Mapping[str, str] = field(default_factory=dict)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -108,7 +109,8 @@ def all_panels(
                     _curve(g, [series(run, name, against, episodes) for run in g], name, statistic)
                     for g in groups.values()
                 )
-                panels.append(Panel(base, name, tuple(c for c in curves if c is not None)))
+                drawn = tuple(c for c in curves if c is not None)
+                panels.append(Panel(base, name, drawn, tuner_names(runs)))
     if not panels:
         raise ConfigError(f"no run logged {metric!r}; {suggest(str(metric), _logged(runs))}")
     return panels
@@ -121,7 +123,7 @@ def draw(panels: Sequence[Panel], against: str) -> Figure:
     figure = Figure(figsize=(width, 2.3 * rows + 0.1), layout="constrained")
     grid = figure.subplots(rows, min(3, len(panels)), squeeze=False)
     methods = sorted({c.method for p in panels for c in p.curves}, key=_prominence)
-    looks, labels = style.looks(methods), method_labels(methods)
+    looks, labels = style.looks(methods), method_labels(methods, panels[0].names)
     shown: dict[str, Any] = {}
     for letter, panel, axes in zip(count(), panels, grid.flat, strict=False):
         draw_panel(axes, panel, looks, labels, against)
@@ -147,10 +149,11 @@ def draw_panel(
         look, label = looks[curve.method], labels[curve.method]
         if len(curve.x) == 1:
             axes.axhline(
-                curve.centre[0], color=look.colour, linestyle=look.dashes, linewidth=1, label=label
-            )
+                curve.centre[0], color=look.colour, linestyle=look.dashes, linewidth=1.2,
+                label=label,
+            )  # fmt: skip
             continue
-        axes.fill_between(curve.x, curve.low, curve.high, color=look.colour, alpha=0.16, lw=0)
+        style.band(axes, curve.x, curve.low, curve.high, look)
         every = max(1, len(curve.x) // 8)
         axes.plot(curve.x, curve.centre, label=label, markevery=every, **look.line)
     centres = np.concatenate([curve.centre for curve in panel.curves])

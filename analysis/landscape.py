@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -109,31 +110,40 @@ def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> Figure:
     grid = figure.subplots(
         rows, 2 * pairs, squeeze=False, width_ratios=[1.6, 1.0] * pairs, sharey=False
     )
-    cells = grid.reshape(rows * pairs, 2)
-    for k, (evolution, cost) in enumerate(cells):
+    entries: dict[str, Artist] = {}
+    for k, (evolution, cost) in enumerate(grid.reshape(rows * pairs, 2)):
         if k >= len(slices):
             evolution.remove()
             cost.remove()
             continue
         cost.sharey(evolution)
         bottom = k + pairs >= len(slices)
-        _draw_evolution(evolution, runs, slices[k].parameter, bottom)
-        _draw_cost(cost, slices[k], bottom)
+        entries |= _draw_evolution(evolution, runs, slices[k].parameter, bottom)
+        entries |= _draw_cost(cost, slices[k], bottom)
+    style.legend_above(figure, entries)
     return figure
 
 
-def _draw_evolution(axes: Axes, runs: Sequence[Run], parameter: Parameter, bottom: bool) -> None:
-    for k, run in enumerate(runs):
+def _draw_evolution(
+    axes: Axes, runs: Sequence[Run], parameter: Parameter, bottom: bool
+) -> dict[str, Artist]:
+    """Draw a parameter of each seed, the median one on top; return legend entries."""
+    look, median = style.looks([runs[0].method])[runs[0].method], median_run(runs)
+    entries: dict[str, Artist] = {}
+    for run in sorted(runs, key=lambda run: run is median):
         # The compact format keeps only the final parameters.
         rows = [row for row in run.metrics if row["kind"] == "eval" and "parameters" in row]
         steps = [row["env_steps"] for row in rows]
         values = [row["parameters"][parameter.name] for row in rows]
-        look = style.look(k)
-        axes.plot(steps, values, color=look.colour, linestyle=look.dashes, linewidth=0.9)
-        axes.plot(steps[-1:], values[-1:], "o", color=look.colour, markersize=2.4, clip_on=False)
+        other = run is not median
+        label = "Other seeds" if other else f"Seed {run.seed}, median cost"
+        colour, width = (style.GREY, 0.6) if other else (look.colour, 1.4)
+        (entries[label],) = axes.plot(steps, values, color=colour, linewidth=width)
+        axes.plot(steps[-1:], values[-1:], "o", color=colour, markersize=2.4, clip_on=False)
     nominal = (runs[0].identity["nominal"] or {}).get(parameter.name)
     if nominal is not None:
-        axes.axhline(nominal, color=style.INK, linewidth=0.8, linestyle=(0, (1, 1.5)))
+        line = {"color": style.NOMINAL.colour, "linestyle": style.NOMINAL.dashes}
+        entries["Baseline"] = axes.axhline(nominal, linewidth=0.9, **line)
     if parameter.scale == "log" and parameter.low > 0:
         axes.set_yscale("log")
     axes.set_ylim(parameter.low, parameter.high)
@@ -141,20 +151,20 @@ def _draw_evolution(axes: Axes, runs: Sequence[Run], parameter: Parameter, botto
     axes.tick_params(labelbottom=bottom)
     if bottom:
         style.big_axis(axes, "Steps")
+    return entries
 
 
-def _draw_cost(axes: Axes, part: Slice, bottom: bool) -> None:
+def _draw_cost(axes: Axes, part: Slice, bottom: bool) -> dict[str, Artist]:
+    """Draw the cost along a parameter, its band and its least value; return legend entries."""
     mean = part.costs.mean(axis=1)
-    axes.plot(mean, part.values, color=style.INK, linewidth=1.1)
-    axes.fill_betweenx(
-        part.values,
-        *np.quantile(part.costs, [0.1, 0.9], axis=1),
-        color=style.GREY,
-        alpha=0.25,
-        lw=0,
-    )
     best = int(mean.argmin())
-    axes.plot(mean[best], part.values[best], "o", color=style.COLOURS[1], markersize=3, zorder=5)
+    (line,) = axes.plot(mean, part.values, color=style.INK, linewidth=1.1)
+    band = axes.fill_betweenx(
+        part.values, *np.quantile(part.costs, [0.1, 0.9], axis=1), color="#d4d4d4", lw=0
+    )
+    (least,) = axes.plot(
+        mean[best], part.values[best], "*", color=style.LOOKS["bo"].colour, ms=6, zorder=5
+    )
     if mean.min() > 0 and mean.max() > 20 * mean.min():
         axes.set_xscale("log")
     else:
@@ -165,6 +175,7 @@ def _draw_cost(axes: Axes, part: Slice, bottom: bool) -> None:
         axes.ticklabel_format(axis="x", useOffset=False)
     axes.tick_params(labelleft=False)
     axes.set_xlabel("Cost" if bottom else "")
+    return {"Mean cost": line, "10% to 90% of the episodes": band, "Least mean cost": least}
 
 
 if __name__ == "__main__":

@@ -7,23 +7,33 @@ python -m zoac.analysis.trajectories runs --task mpc_tracking --animate closed_l
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from zoac.analysis import cli
 from zoac.analysis.data import replay
+from zoac.analysis.data.baseline import Before, before
 from zoac.analysis.data.runs import Run
 from zoac.analysis.data.selection import chosen
 from zoac.analysis.figures import style
-from zoac.analysis.figures.labels import TASKS, method_labels
+from zoac.analysis.figures.labels import TASKS, method_labels, tuner_names
+from zoac.core.measures import Trace
 from zoac.core.segments import Segment
 from zoac.rollout.task import Task
 
 REFERENCE = "Reference"
+
+TIME_AXES = ("Time [s]", "Step")
+MIN_CROSSINGS = 16
+"""Eight periods: fewer are seen as they are."""
+MIN_SWING = 0.1
+"""Of a limit cycle, as a fraction of the range of its trace."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,19 +68,37 @@ def _command(options: argparse.Namespace) -> None:
         film.write(options.animate, runs[0])
         return
     task = replay.rebuild(runs[0])
-    loops, name = loops_of(task, runs), runs[0].method.task
-    style.save(lambda: draw(task, loops, TASKS.get(name, "")), options, f"trajectories_{name}")
+    name = runs[0].method.task
+    loops = loops_of(task, runs) if len(runs) > 1 else before_and_after(task, runs[0])
+    style.save(lambda: draw(task, loops, TASKS.get(name, name)), options, f"trajectories_{name}")
 
 
 def loops_of(task: Task, runs: Sequence[Run]) -> list[Loop]:
     """Drive the tuned controller of each run through the demonstration."""
     methods = [run.method for run in runs]
-    labels, looks = method_labels(methods), style.looks(methods)
+    labels, looks = method_labels(methods, tuner_names(runs)), style.looks(methods)
     segments = replay.demonstrate(task, [run.outcome["parameters"] for run in runs])
     return [
         Loop(labels[run.method], looks[run.method], segment)
         for run, segment in zip(runs, segments, strict=True)
     ]
+
+
+def before_and_after(task: Task, run: Run, compared: Before | None = None) -> list[Loop]:
+    """Drive the controllers of a run before and after tuning through the demonstration.
+
+    Args:
+        task: The run's task.
+        run: The run.
+        compared: What was before; default: its baseline values, or else where it began.
+    """
+    compared = compared or before(run)
+    controllers: dict[str, Mapping[str, Any]] = {"After": run.outcome["parameters"]}
+    if compared is not None and compared.parameters is not None and run.tuned:
+        controllers = {"Before": compared.parameters, **controllers}
+    looks = {"Before": style.BEFORE, "After": style.AFTER}
+    segments = replay.demonstrate(task, list(controllers.values()))
+    return [Loop(name, looks[name], s) for name, s in zip(controllers, segments, strict=True)]
 
 
 def draw(task: Task, loops: Sequence[Loop], title: str, columns: int = 3) -> Figure:
@@ -107,9 +135,14 @@ def draw_panel(axes: Axes, task: Task, loops: Sequence[Loop], k: int, last: int)
         (entries[REFERENCE],) = axes.plot(
             x[shown], y[shown], color=style.GREY, linewidth=2.4, alpha=0.55, solid_capstyle="butt"
         )
-    for loop, line in zip(loops, lines, strict=True):
-        marks = {**loop.look.line, "marker": ""}
-        (entries[loop.label],) = axes.plot(line.x[: last + 1], line.y[: last + 1], **marks)
+    cycles = [limit_cycle(task.traces(loop.segment)) for loop in loops]
+    entries |= {_label(loop, cycle): None for loop, cycle in zip(loops, cycles, strict=True)}
+    several = sum(cycle is not None for cycle in cycles) > 1
+    # A limit cycle is drawn behind what settles, which it would cover.
+    for loop, line, cycle in sorted(
+        zip(loops, lines, cycles, strict=True), key=lambda drawn: drawn[2] is None
+    ):
+        entries[_label(loop, cycle)] = _draw_loop(axes, loop.look, line, cycle, last + 1, several)
         if loop.segment.terminated and loop.segment.length <= last:
             axes.plot(line.x[-1:], line.y[-1:], "x", color=loop.look.colour, markersize=5)
     low, high = axes.get_ylim()
@@ -120,6 +153,67 @@ def draw_panel(axes: Axes, task: Task, loops: Sequence[Loop], k: int, last: int)
     axes.set_ylabel(longest.title)
     axes.margins(x=0.01)
     return entries
+
+
+def _draw_loop(
+    axes: Axes, look: style.Look, line: Trace, cycle: Cycle | None, until: int, several: bool
+) -> Artist:
+    """Draw one trace; of a limit cycle what it swings between, and itself if it is the only one."""
+    x, y = line.x[:until], line.y[:until]
+    plain = {"color": look.colour, "linestyle": look.dashes}
+    if cycle is None:
+        return axes.plot(x, y, **plain)[0]
+    low, high = (edge[:until] for edge in _envelope(line, cycle))
+    axes.fill_between(x, low, high, lw=0, alpha=0.1 if several else 0.25, color=look.colour)
+    if not several:
+        return axes.plot(x, y, color=look.colour, linewidth=0.5)[0]
+    axes.plot(x, low, linewidth=0.8, **plain)
+    return axes.plot(x, high, linewidth=0.8, **plain)[0]
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A sustained oscillation: its period in samples, and for people to read."""
+
+    samples: int
+    period: str
+
+
+def limit_cycle(traces: Sequence[Trace]) -> Cycle | None:
+    """Return the sustained oscillation of a closed loop, None if it settles or swings slowly.
+
+    A trace over time has one if it crosses its mean in the second half at least `MIN_CROSSINGS`
+    times, and swings in the last quarter at least half as far as in the quarter before.
+    """
+    for trace in traces:
+        if trace.x_label not in TIME_AXES:
+            continue
+        half = trace.y[len(trace.y) // 2 :]
+        swings = [float(np.ptp(quarter)) for quarter in np.array_split(half, 2) if len(quarter)]
+        if len(swings) < 2 or swings[1] < max(0.5 * swings[0], MIN_SWING * np.ptp(trace.y)):
+            continue
+        above = half > half.mean()
+        crossings = np.flatnonzero(above[1:] != above[:-1])
+        if len(crossings) < MIN_CROSSINGS:
+            continue
+        samples = 2 * (crossings[-1] - crossings[0]) / (len(crossings) - 1)
+        seconds = samples * float(trace.x[1] - trace.x[0])
+        unit = "s" if trace.x_label.endswith("[s]") else "steps"
+        return Cycle(round(samples), f"{seconds:.2g} {unit}")
+    return None
+
+
+def _label(loop: Loop, cycle: Cycle | None) -> str:
+    return loop.label if cycle is None else f"{loop.label} (limit cycle, {cycle.period})"
+
+
+def _envelope(trace: Trace, cycle: Cycle) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the largest value within a period around each sample."""
+    count = len(trace.y)
+    width = max(1, min(cycle.samples, count))
+    first = np.clip(np.arange(count) - width // 2, 0, count - width)
+    windows = np.lib.stride_tricks.sliding_window_view(trace.y, width)[first]
+    return windows.min(axis=1), windows.max(axis=1)
 
 
 if __name__ == "__main__":

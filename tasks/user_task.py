@@ -20,7 +20,7 @@ from zoac.core.parameters import ParameterSpace
 from zoac.core.types import is_number
 from zoac.envs.gymnasium_adapter import GymnasiumVecEnv
 from zoac.envs.objective import Objective
-from zoac.envs.plant_numbers import Bounds
+from zoac.envs.plant_numbers import Bounds, PlantNumbers
 from zoac.envs.single_env import EnvSource, env_action, single_env
 from zoac.rollout.task import Task
 from zoac.specs.judge import check
@@ -143,6 +143,14 @@ class UserTask(Task):
         other._plant = {**self._plant, **plant}
         other._vary = {k: v for k, v in self._vary.items() if k not in plant}
         return other
+
+    def varied(self, vary: Mapping[str, Bounds]) -> PlantNumbers:
+        """Return what draws such numbers of the plant: whole ones where the plant's are whole."""
+        env = self._one_env()
+        try:
+            return PlantNumbers(env, {}, vary)
+        finally:
+            env.close()
 
 
 def user_task(

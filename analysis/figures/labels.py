@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
-from zoac.analysis.data.runs import Method
+from zoac.analysis.data.runs import Method, Run
 
 TUNERS = {
     "zoac": "ZOAC",
@@ -14,6 +14,8 @@ TUNERS = {
     "cmaes_full": "CMA-ES (full, mean)",
     "es": "ES",
     "random": "Random search",
+    "nevergrad": "Nevergrad",
+    "optuna": "Optuna",
     "nominal": "Nominal",
 }
 TASKS = {
@@ -21,6 +23,10 @@ TASKS = {
     "pid_acc_code": "PID-ACC (authors' cost)",
     "mpc_tracking": "MPC-Tracking",
     "mpc_tracking_reg": "MPC-Tracking (w/ reg)",
+    "PidLoop": "PID loop",
+    "lqr": "LQR",
+    "pendulum": "Pendulum",
+    "lane_change": "Lane change",
 }
 VARIANTS = {"authors_code": "(authors' code)"}
 REGULARISED = "_reg"
@@ -39,19 +45,41 @@ def family(task: str) -> tuple[str, str]:
     return base, base + REGULARISED
 
 
-def method_labels(methods: Iterable[Method]) -> dict[Method, str]:
-    """Return a short label for each of the methods of one family, told apart by what differs."""
-    methods = list(methods)
-    several = len({method.variant for method in methods}) > 1
+def tuner_names(runs: Iterable[Run]) -> dict[str, str]:
+    """Return the names that run.json gives tuners, by tuner."""
+    named = ((run.method.tuner, run.identity.get("tuner_name")) for run in runs)
+    return {tuner: str(name) for tuner, name in named if name}
+
+
+def method_labels(
+    methods: Iterable[Method], names: Mapping[str, str] | None = None
+) -> dict[Method, str]:
+    """Return a short label for each of the methods of one family, told apart by what differs.
+
+    Args:
+        methods: The methods.
+        names: What tuners call themselves, see `tuner_names`; others have the names known here.
+    """
+    methods, names = list(methods), TUNERS | dict(names or {})
     labels = {}
     for method in methods:
-        label = TUNERS.get(method.tuner, method.tuner)
+        label = names.get(method.tuner, method.tuner)
         if method.task.endswith(REGULARISED):
             label += " (w/ reg)"
-        if several and method.variant:
-            label += " " + VARIANTS.get(method.variant, f"[{method.variant}]")
+        if stands_apart(method, methods):
+            label += " " + VARIANTS.get(str(method.variant), f"[{method.variant}]")
         labels[method] = label
     return labels
+
+
+def stands_apart(method: Method, methods: Iterable[Method]) -> bool:
+    """Tell whether a method must be told from others of its tuner by its variant.
+
+    A controller that was not tuned is the same in every variant of one task.
+    """
+    if method.tuner == "nominal":
+        methods = (m for m in methods if (m.tuner, m.task) == (method.tuner, method.task))
+    return bool(method.variant) and len({m.variant for m in methods}) > 1
 
 
 def unit_label(name: str, unit: str) -> str:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from io import BytesIO
 from typing import Any, NamedTuple
+from zlib import crc32
 
 import matplotlib as mpl
 from matplotlib.artist import Artist
@@ -16,19 +17,72 @@ from matplotlib.figure import Figure
 
 from zoac.analysis import cli
 from zoac.analysis.data.runs import Method
-from zoac.analysis.figures.labels import REGULARISED
+from zoac.analysis.figures.labels import REGULARISED, stands_apart
+from zoac.runs import responses
 
 COLUMN, PAGE = 3.5, 7.16
 """Widths of one and of two columns [in]."""
 
-# Colours of Okabe and Ito: told apart by people who see few colours. Lines and markers differ as
-# well, for those who see none.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-LINES: tuple[Any, ...] = (
-    "-", (0, (4, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1, 1.2)), (0, (3, 1.2, 1, 1.2, 1, 1.2)),
+INK, GREY, LIGHT, BAD = "#222222", "#8a8a8a", "#e4e4e4", "#b3261e"
+
+
+class Look(NamedTuple):
+    """Colour, dashes and marker of one line."""
+
+    colour: str
+    dashes: Any
+    marker: str
+    filled: bool = False
+
+    @property
+    def line(self) -> dict[str, Any]:
+        """Keyword arguments for `Axes.plot`."""
+        return {
+            "color": self.colour,
+            "linestyle": self.dashes,
+            "marker": self.marker,
+            "markerfacecolor": self.colour if self.filled else "white",
+            "markeredgewidth": 0.8,
+        }
+
+
+def _dashes(*lengths: float) -> tuple[int, tuple[float, ...]]:
+    return 0, lengths
+
+
+# Colours of Okabe and Ito, then of Tol: told apart by people who see few colours. Dashes and
+# markers differ as well, for those who see none and for print in grey.
+NOMINAL = Look(INK, _dashes(1, 1.5), "x")
+LOOKS = {
+    "zoac": Look("#0072B2", "-", "o"),
+    "zoac_reg": Look("#56B4E9", _dashes(5, 1, 1, 1, 1, 1), "s"),
+    "zoac_plus": Look("#CC79A7", _dashes(8, 1.5), "v"),
+    "bo": Look("#D55E00", _dashes(4, 1.5), "^"),
+    "cmaes": Look("#009E73", _dashes(6, 1.5, 1, 1.5), "D"),
+    "cmaes_full": Look("#E69F00", _dashes(1, 0.7), "P"),
+    "es": Look("#332288", _dashes(2, 2), "X"),
+    "random": Look("#999933", _dashes(3, 3, 1, 3), "<"),
+    "nevergrad": Look("#882255", _dashes(2, 1), ">"),
+    "optuna": Look("#7F4F24", _dashes(3, 1, 3, 1, 1, 1), "p"),
+    "nominal": NOMINAL,
+}
+"""The look of each tuner, the same in every figure; `_reg`: with the regularised cost."""
+
+BEFORE, AFTER = (Look(c, dashes, "") for c, dashes in (responses.BEFORE, responses.AFTER))
+"""One controller before and after tuning, in figures that compare no tuners."""
+
+_SPARE = (
+    ("#117733", "#AA4499", "#661100"),
+    ("h", "*", "d", "8"),
+    (_dashes(9, 2, 2, 2), _dashes(3, 0.8), _dashes(1, 3), _dashes(7, 3), _dashes(4, 1, 1, 3)),
+)
+"""Colours, markers and dashes of tuners without a look of their own."""
+
+_OF_VARIANTS = (
+    _dashes(12, 1.5), _dashes(10, 1.5, 1, 1.5, 1, 1.5), _dashes(2, 1, 6, 1), _dashes(10, 4),
+    _dashes(1, 1, 4, 2), _dashes(6, 1, 6, 3), _dashes(1, 2, 3, 2),
 )  # fmt: skip
-MARKERS = ("o", "^", "D", "v", "P", "X")
-INK, GREY = "#222222", "#8a8a8a"
+"""Dashes of variants of a tuner, which have its colour and its marker, filled."""
 
 _SHARED: dict[str, Any] = {
     "svg.hashsalt": "zoac",
@@ -46,7 +100,7 @@ _SHARED: dict[str, Any] = {
     "xtick.minor.width": 0.4,
     "ytick.minor.width": 0.4,
     "axes.grid": True,
-    "grid.color": "#e4e4e4",
+    "grid.color": LIGHT,
     "grid.linewidth": 0.5,
     "axes.axisbelow": True,
     "lines.linewidth": 1.2,
@@ -84,25 +138,6 @@ _METADATA: dict[str, dict[str, Any]] = {
 }
 
 
-class Look(NamedTuple):
-    """Colour, dashes and marker of one line."""
-
-    colour: str
-    dashes: Any
-    marker: str
-
-    @property
-    def line(self) -> dict[str, Any]:
-        """Keyword arguments for `Axes.plot`."""
-        return {
-            "color": self.colour,
-            "linestyle": self.dashes,
-            "marker": self.marker,
-            "markerfacecolor": "white",
-            "markeredgewidth": 0.8,
-        }
-
-
 def paper() -> AbstractContextManager[None]:
     """Draw and save figures for print, whatever the user's own matplotlib settings."""
     return mpl.rc_context(_complete(_PAPER))
@@ -117,34 +152,55 @@ def _complete(settings: Any) -> Any:
     return {**mpl.rcParamsDefault, "backend": "agg", **settings}
 
 
-def looks(methods: Sequence[Method]) -> dict[Method, Look]:
-    """Return a look for each method; the same tuner looks the same in every figure of a set.
+def looks(methods: Iterable[Method]) -> dict[Method, Look]:
+    """Return a look for each method, all different; a tuner has the same one in every figure.
 
-    Variants of a tuner have its colour and marker, and lines of their own.
+    Variants that stand beside others have dashes of their own, as their labels have a name.
     """
-    known = ["zoac", "bo", "cmaes"]
-    tuners = known + sorted({m.tuner for m in methods} - {*known, "nominal"})
+    methods = sorted(set(methods), key=lambda m: (m.tuner, m.task, m.variant or ""))
+    of_key = LOOKS | _spare({_key(method) for method in methods} - LOOKS.keys())
+    dashes = _probed(sorted({m.variant for m in methods if m.variant}), len(_OF_VARIANTS))
     chosen = {}
     for method in methods:
-        if method.tuner == "nominal":
-            chosen[method] = Look(INK, (0, (1, 1.5)), "")
-            continue
-        slot = tuners.index(method.tuner)
-        if method.task.endswith(REGULARISED) and method.tuner == "zoac":
-            chosen[method] = Look(COLOURS[5], LINES[4], "s")
-        else:
-            chosen[method] = look(slot)
-        twins = sorted({m.variant or "" for m in methods if m.tuner == method.tuner})
-        if place := twins.index(method.variant or ""):
-            chosen[method] = chosen[method]._replace(dashes=LINES[(slot + 2 + place) % len(LINES)])
+        chosen[method] = look = of_key[_key(method)]
+        if method.variant and stands_apart(method, methods):
+            own = _OF_VARIANTS[dashes[method.variant] % len(_OF_VARIANTS)]
+            chosen[method] = look._replace(dashes=own, filled=True)
     return chosen
 
 
-def look(slot: int) -> Look:
-    """Return the look of the `slot`-th line of a figure."""
-    return Look(
-        COLOURS[slot % len(COLOURS)], LINES[slot % len(LINES)], MARKERS[slot % len(MARKERS)]
-    )
+def _key(method: Method) -> str:
+    return f"{method.tuner}_reg" if method.task.endswith(REGULARISED) else method.tuner
+
+
+def _spare(names: Iterable[str]) -> dict[str, Look]:
+    """Return a look for each tuner without one, which depends on its name alone where it can."""
+    colours, markers, dashes = _SPARE
+    count = len(colours) * len(markers) * len(dashes)  # without a common factor: all pairs differ
+    return {
+        name: Look(
+            colours[k % len(colours)], dashes[k % len(dashes)], markers[k % len(markers)], True
+        )
+        for name, k in _probed(sorted(names), count).items()
+    }
+
+
+def _probed(names: Sequence[str], count: int) -> dict[str, int]:
+    """Return a number below `count` for each name, from the name; the next free one if taken."""
+    found: dict[str, int] = {}
+    for name in names:
+        k = crc32(name.encode()) % count
+        while k in found.values() and len(found) < count:
+            k = (k + 1) % count
+        found[name] = k
+    return found
+
+
+def band(axes: Axes, x: Any, low: Any, high: Any, look: Look, label: str = "") -> Artist:
+    """Shade the range around a line; its edges have the line's dashes, to be told in grey."""
+    for edge in (low, high):
+        axes.plot(x, edge, color=look.colour, linestyle=look.dashes, linewidth=0.5, alpha=0.6)
+    return axes.fill_between(x, low, high, color=look.colour, alpha=0.13, lw=0, label=label or None)
 
 
 def image(figure: Figure, kind: str, salt: str = "zoac") -> bytes:
@@ -170,17 +226,28 @@ def save(draw: Callable[[], Figure], options: argparse.Namespace, name: str) -> 
 
 
 def legend_above(figure: Figure, entries: Mapping[str, Artist], columns: int = 6) -> None:
-    """Put one legend, label -> line, for the whole figure above its panels."""
+    """Put one legend, label -> line, for the whole figure above its panels.
+
+    It has as many columns as fit the figure's width, `columns` at most; the figure grows by its
+    height.
+    """
     if len(entries) < 2:
         return
-    figure.legend(
-        list(entries.values()),
-        list(entries),
-        loc="outside upper center",
-        ncols=min(columns, len(entries)),
-        handlelength=2.6,
-        columnspacing=1.4,
-    )
+    width = figure.get_figwidth() * figure.dpi
+    for count in range(min(columns, len(entries)), 0, -1):
+        legend = figure.legend(
+            list(entries.values()),
+            list(entries),
+            loc="outside upper center",
+            ncols=count,
+            handlelength=2.8,
+            columnspacing=1.4,
+        )
+        box = legend.get_window_extent()
+        if count == 1 or box.width <= 0.98 * width:
+            figure.set_figheight(figure.get_figheight() + box.height / figure.dpi)
+            return
+        legend.remove()
 
 
 def big_axis(axes: Axes, label: str) -> None:

@@ -21,6 +21,20 @@ def number(value: float, sign: bool = False) -> str:
     return f"{value / 10.0**exponent:{plus}.1f}e{exponent}"
 
 
+def significant(value: float) -> str:
+    """Return `value` with four significant digits."""
+    if not math.isfinite(value):
+        return "∞" if value > 0 else "-∞" if value < 0 else NOTHING
+    if 1e3 <= abs(value) < 1e6:
+        return f"{value:.0f}"
+    return f"{value:.4g}"
+
+
+def signed(value: float) -> str:
+    """Return `value` likewise, with its sign."""
+    return f"{'+' if value > 0 else ''}{significant(value)}"
+
+
 def bounds(interval: Interval | None, sign: bool = False) -> str:
     """Return "[low, high]", with digits enough to tell the two apart."""
     if interval is None or not interval.exists:

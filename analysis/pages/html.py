@@ -5,99 +5,45 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from html import escape
+from importlib.resources import files
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from zoac.analysis.figures import style
+from zoac.analysis.pages.formatting import NOTHING
 
-CSS = """
-:root { --ink: #1d2730; --muted: #66727d; --line: #dde2e7; --soft: #f5f7f9; --accent: #0072b2;
-        --warm: #b3571f; }
-* { box-sizing: border-box; }
-body { margin: 0; color: var(--ink); background: #fff; font: 16px/1.55 system-ui, sans-serif; }
-main { max-width: 1080px; margin: 0 auto; padding: 2.5rem 1.25rem 4rem; }
-h1 { font-size: 1.7rem; line-height: 1.2; margin: 0 0 .5rem; letter-spacing: -.01em; }
-h2 { font-size: 1.35rem; margin: 3rem 0 .75rem; padding-bottom: .4rem;
-     border-bottom: 2px solid var(--ink); }
-h3 { font-size: 1.05rem; margin: 2rem 0 .5rem; }
-h4 { font-size: .95rem; margin: 1.6rem 0 .4rem; }
-p { max-width: 46rem; margin: .5rem 0; }
-.muted { color: var(--muted); }
-.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(9.5rem, 1fr)); gap: .75rem;
-         margin: 1rem 0; }
-.tile { background: var(--soft); border-radius: 8px; padding: .7rem .9rem; }
-.tile b { display: block; font-size: 1.35rem; font-weight: 600; line-height: 1.3;
-          font-variant-numeric: tabular-nums; overflow-wrap: anywhere; }
-.tile span { color: var(--muted); font-size: .82rem; }
-.scroll { overflow-x: auto; margin: .75rem 0; }
-table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabular-nums;
-        min-width: 100%; }
-th, td { padding: .38rem .7rem .38rem 0; text-align: right; border-bottom: 1px solid var(--line);
-         white-space: nowrap; }
-th { color: var(--muted); font-weight: 500; vertical-align: bottom; }
-th:first-child, td:first-child { text-align: left; }
-.gallery { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 22rem), 1fr));
-           gap: 1rem; margin: 1rem 0; }
-figure { margin: 0; min-width: 0; }
-figure svg { width: 100%; height: auto; display: block; }
-figcaption { color: var(--muted); font-size: .82rem; }
-details { border: 1px solid var(--line); border-radius: 8px; margin: 1rem 0; padding: 0 1rem; }
-details[open] { padding-bottom: 1rem; }
-summary { cursor: pointer; padding: .7rem 0; font-weight: 600; }
-details details { background: var(--soft); border: 0; }
-pre { background: var(--soft); border-radius: 8px; padding: .8rem 1rem; overflow-x: auto;
-      font: .82rem/1.5 ui-monospace, monospace; margin: .5rem 0; }
-ul { padding-left: 1.2rem; margin: .5rem 0; } li { margin: .2rem 0; overflow-wrap: anywhere; }
-.warning { color: var(--warm); }
-tr.met td { background: #e8f5ec; } tr.unmet td { background: #fbe9e4; }
-tr.met td:last-child { color: #1b7a3d; } tr.unmet td:last-child { color: #b3261e; }
-.range { position: relative; height: 1.1rem; min-width: 9rem; }
-.range i { position: absolute; }
-.range .rail { left: 0; right: 0; top: .5rem; height: 3px; background: var(--line);
-               border-radius: 2px; }
-.range .before { width: 9px; height: 9px; top: .32rem; margin-left: -5px; border-radius: 50%;
-                 border: 2px solid var(--warm); background: #fff; }
-.range .after { width: 11px; height: 11px; top: .26rem; margin-left: -5px; border-radius: 50%;
-                background: var(--accent); }
-.range .nominal { width: 2px; height: 1rem; top: .05rem; margin-left: -1px;
-                  background: var(--ink); }
-.keys { display: flex; gap: 1.2rem; font-size: .85rem; color: var(--muted); }
-.keys .range { display: inline-block; min-width: 0; width: 14px; margin-right: .2rem;
-               vertical-align: -4px; }
-.bar { display: flex; height: 1.2rem; border-radius: 4px; overflow: hidden; margin: .5rem 0; }
-.bar span { min-width: 1px; }
-.legend { display: flex; flex-wrap: wrap; gap: .2rem 1.2rem; font-size: .85rem; }
-.legend i { display: inline-block; width: .8em; height: .8em; border-radius: 2px;
-            margin-right: .4em; }
-footer { margin-top: 3rem; color: var(--muted); font-size: .82rem; }
-@media (max-width: 640px) { main { padding-top: 1.25rem; } h1 { font-size: 1.35rem; }
-  .tile b { font-size: 1.1rem; } details { padding: 0 .7rem; } }
-@media print { details { border: 0; padding: 0; } main { max-width: none; } }
-"""
+_CSS = "page.css"
 
 
-def page(title: str, sections: Sequence[str]) -> str:
-    """Return a whole document."""
+def page(title: str, above: str, sections: Sequence[str]) -> str:
+    """Return a whole document.
+
+    Args:
+        title: Its heading.
+        above: A line over the heading, in small letters.
+        sections: What stands below.
+    """
+    css = files(__package__).joinpath(_CSS).read_text(encoding="utf-8")
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{CSS}</style>\n</head>\n<body>\n<main>\n"
-        f"<h1>{escape(title)}</h1>\n"
-        + "\n".join(sections)
+        f"<title>{escape(title)}</title>\n<style>\n{css}</style>\n</head>\n<body>\n<main>\n"
+        f"<h1><small>{escape(above)}</small>{escape(title)}</h1>\n"
+        + "\n".join(filter(None, sections))
         + "\n<footer>Made by zoac.analysis.report from the files of the runs.</footer>\n"
         "</main>\n</body>\n</html>\n"
     )
 
 
 def section(title: str, *body: str) -> str:
-    """Return a section with a heading."""
-    return f"<section>\n<h2>{escape(title)}</h2>\n{''.join(body)}</section>\n"
+    """Return a section with a heading, or nothing if there is nothing in it."""
+    return f"<section>\n<h2>{escape(title)}</h2>\n{''.join(body)}</section>\n" if any(body) else ""
 
 
-def subtitle(text: str) -> str:
-    """Return a heading within a section."""
-    return f"<h3>{escape(text)}</h3>\n"
+def part(title: str, *body: str) -> str:
+    """Return a part of a section with a heading, or nothing if there is nothing in it."""
+    return f"<h3>{escape(title)}</h3>\n{''.join(body)}" if any(body) else ""
 
 
 def paragraph(text: str, css: str = "") -> str:
@@ -113,17 +59,20 @@ def bullets(items: Sequence[str], css: str = "") -> str:
     return f'<ul class="{css}">\n{lines}</ul>\n'
 
 
-def table(lines: Sequence[Sequence[str]], css: Sequence[str] = ()) -> str:
-    """Return header and rows as a table that scrolls sideways where the screen is narrow.
+def table(lines: Sequence[Sequence[str]], css: Sequence[str] = (), wide: Sequence[str] = ()) -> str:
+    """Return header and rows as a table; on narrow screens each row becomes a card.
 
     Args:
         lines: Header and rows.
         css: A class for each row; empty: none has one.
+        wide: Headers of columns that have a line of their own in a card.
     """
-    head = "".join(f"<th>{cell}</th>" for cell in lines[0])
+    header = lines[0]
+    head = "".join(f"<th>{cell}</th>" for cell in header)
     marks = [f' class="{name}"' if name else "" for name in css] or [""] * len(lines[1:])
     body = "".join(
-        f"<tr{mark}>{''.join(f'<td>{c}</td>' for c in row)}</tr>\n"
+        f"<tr{mark}>{''.join(_cell(c, h, h in wide) for c, h in zip(row, header, strict=True))}"
+        "</tr>\n"
         for mark, row in zip(marks, lines[1:], strict=True)
     )
     return (
@@ -132,18 +81,39 @@ def table(lines: Sequence[Sequence[str]], css: Sequence[str] = ()) -> str:
     )
 
 
-def keys(names: Sequence[str]) -> str:
-    """Return a legend for the marks of `placed`."""
-    marks = (f'<span class="range"><i class="{n}" style="left:6px"></i></span>{n}' for n in names)
-    return f'<div class="keys">{"".join(f"<span>{mark}</span>" for mark in marks)}</div>\n'
+def _cell(cell: str, column: str, wide: bool) -> str:
+    css = "none" if cell in ("", NOTHING) else "wide" if wide else ""
+    css = f' class="{css}"' if css else ""
+    label = f' data-label="{column}"' if column else ""
+    return f"<td{css}{label}>{cell}</td>"
 
 
-def placed(places: Mapping[str, float]) -> str:
-    """Return a rail with a mark for each named place, 0 to 1: before, after or nominal."""
+def verdict(text: str, met: bool | None) -> str:
+    """Return a value with a mark, green where `met` and red where not; None: as it is."""
+    if met is None:
+        return text
+    mark, css = ("✓", "met") if met else ("✗", "unmet")
+    return f'<span class="{css}">{mark}</span> {text}'
+
+
+def keys(names: Mapping[str, str]) -> str:
+    """Return a legend for the marks of `placed`, mark -> text."""
+    marks = (
+        f'<span><span class="range"><i class="{mark}" style="left:7px"></i></span>{text}</span>'
+        for mark, text in names.items()
+    )
+    return f'<div class="keys">{"".join(marks)}</div>\n'
+
+
+def placed(places: Mapping[str, float], low: str, high: str) -> str:
+    """Return a rail between two bounds, with a mark for each named place, 0 to 1."""
     marks = "".join(
         f'<i class="{name}" style="left:{100 * place:.1f}%"></i>' for name, place in places.items()
     )
-    return f'<div class="range"><i class="rail"></i>{marks}</div>'
+    return (
+        f'<div class="rail"><span>{low}</span>'
+        f'<div class="range"><i class="line"></i>{marks}</div><span>{high}</span></div>'
+    )
 
 
 def tiles(values: Sequence[tuple[str, str]]) -> str:
@@ -153,7 +123,8 @@ def tiles(values: Sequence[tuple[str, str]]) -> str:
 
 
 def fractions(parts: Sequence[tuple[str, float]]) -> str:
-    """Return a bar divided into fractions of the total, with a legend."""
+    """Return a bar divided into fractions of the total, with a legend; parts of 0 are left out."""
+    parts = [(name, value) for name, value in parts if value > 0]
     total = sum(value for _, value in parts) or 1.0
     colours = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#c4ccd4")
     bar, legend = "", ""
@@ -175,6 +146,11 @@ def folded(summary: str, body: str, opened: bool = False) -> str:
     """Return a part that opens on a click."""
     state = " open" if opened else ""
     return f"<details{state}>\n<summary>{summary}</summary>\n{body}</details>\n"
+
+
+def aside(summary: str, body: str) -> str:
+    """Return a closed part for what few readers need."""
+    return f'<details class="plain">\n<summary>{summary}</summary>\n{body}</details>\n'
 
 
 def code(text: str) -> str:

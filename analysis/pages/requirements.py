@@ -1,30 +1,82 @@
-"""The part of a report that shows what was required: a row per spec, and the response."""
+"""The part of a report that shows what was required: a green or red row per spec and constraint."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from html import escape
+from typing import Any
 
 from zoac.analysis.data.runs import Run
 from zoac.analysis.pages import html
-from zoac.analysis.pages.formatting import NOTHING
-from zoac.runs import responses, schema
+from zoac.analysis.pages.formatting import NOTHING, significant, without_empty_columns
 from zoac.specs.verdict import restored
+
+TIMES = ("settling_time", "rise_time")
+"""Figures that are infinite for a response that never gets there."""
 
 
 def requirements(run: Run) -> str:
-    """Return a green or red row per spec, and the response before and after; or nothing."""
-    rows = [restored(row) for row in run.outcome.get("specs", [])]
-    lines = [["Spec", "Limit", "Before", "After", ""]]
-    for row in rows:
-        before = NOTHING if row["baseline"] is None else f"{row['baseline']:.4g}"
-        verdict = {True: "met", False: "not met", None: "objective"}[row["met"]]
-        cells = (row["spec"], row["limit"] or NOTHING)
-        lines.append([*map(escape, cells), before, f"{row['value']:.4g}", verdict])
-    css = [{True: "met", False: "unmet", None: ""}[row["met"]] for row in rows]
-    text = html.subtitle("Requirements") + html.table(lines, css) if rows else ""
-    if not (run.folder / schema.RESPONSES).is_file():
-        return text
-    figure = responses.plot(run.folder, run.outcome)
-    caption = "The first final episode; before: with the baseline values"
-    shown = html.picture(figure, f"{run.folder} response", "Signals over time", caption)
-    return text + html.subtitle("Response") + html.gallery([shown])
+    """Return a table of specs and constraints, before and after; or nothing."""
+    episodes = len(run.costs)
+    rows = [
+        *(_spec(restored(row), episodes) for row in run.outcome.get("specs", [])),
+        *_constraints(run),
+    ]
+    if not rows:
+        return ""
+    lines = [["Requirement", "Limit", "Before", "After"], *(cells for cells, _ in rows)]
+    css = [{True: "met", False: "unmet", None: ""}[met] for _, met in rows]
+    return html.table(without_empty_columns(lines), css)
+
+
+def verdicts(run: Run) -> list[bool]:
+    """Return for each hard spec and each constraint whether the answer keeps it."""
+    specs = [row["met"] for row in run.outcome.get("specs", []) if row["met"] is not None]
+    broken = run.outcome.get("violations_by_constraint", {}).values()
+    return [*specs, *(not found["episodes"] for found in broken)]
+
+
+def _spec(row: Mapping[str, Any], episodes: int) -> tuple[list[str], bool | None]:
+    after = html.verdict(_value(row, row["value"]), row["met"])
+    if row["met"] is False and episodes > 1:
+        after += f" in {row['broken']} of {episodes} episodes"
+    before = NOTHING
+    if row["baseline"] is not None:
+        before = html.verdict(_value(row, row["baseline"]), row["baseline_met"])
+    limit = escape((row["limit"] or "minimised").replace("<=", "≤").replace(">=", "≥"))
+    return [escape(row["spec"]), limit, before, after], row["met"]
+
+
+def _value(row: Mapping[str, Any], value: float) -> str:
+    return "never" if row["figure"] in TIMES and math.isinf(value) else significant(value)
+
+
+def _constraints(run: Run) -> list[tuple[list[str], bool | None]]:
+    found = run.outcome.get("violations_by_constraint", {})
+    old = (run.outcome.get("baseline") or {}).get("violations_by_constraint", {})
+    episodes = len(run.costs)
+    return [
+        (
+            [
+                escape(name),
+                "at every step",
+                _broken(old[name], episodes) if name in old else NOTHING,
+                _broken(broken, episodes),
+            ],
+            not broken["episodes"],
+        )
+        for name, broken in found.items()
+    ]
+
+
+def _broken(found: Mapping[str, Any], episodes: int) -> str:
+    """Return in how many episodes a constraint was broken, and by how much at most."""
+    count = found["episodes"]
+    if not count:
+        return html.verdict("kept", True)
+    # What is not finite was written as null.
+    worst = math.inf if found["worst"] is None else found["worst"]
+    return html.verdict(
+        f"broken in {count} of {episodes} episodes, by up to {significant(worst)}", False
+    )

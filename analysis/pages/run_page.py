@@ -1,233 +1,168 @@
-"""The part of a report that shows one run: before and after, gains, closed loop, health."""
+"""The part of a report that shows one run: what tuning changed, and how it went."""
 
 from __future__ import annotations
 
-import json
-import shlex
-from collections.abc import Mapping, Sequence
 from html import escape
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
-from zoac.analysis.data import replay
+from zoac.analysis.data.baseline import Before, before
 from zoac.analysis.data.runs import Run
 from zoac.analysis.figures import style
-from zoac.analysis.figures.labels import METRICS, unit_label
-from zoac.analysis.pages import html
-from zoac.analysis.pages.formatting import NOTHING, estimate, number, without_empty_columns
-from zoac.analysis.pages.requirements import requirements
-from zoac.analysis.statistics.stats import Scores, paired_difference
-from zoac.analysis.trajectories import Loop, draw_panel
-from zoac.core.errors import RunFolderError
-from zoac.core.measures import Trace
-from zoac.core.parameters import Parameter, ParameterSpace
-from zoac.core.seeding import stream
-
-MAX_VIEW = 3.0
-"""Largest range of an axis, as a multiple of what the tuned controller needs."""
-
-NEAR_BOUND = 0.01
-"""Fraction of the range within which a parameter counts as being at its bound."""
+from zoac.analysis.figures.labels import METRICS
+from zoac.analysis.pages import html, loops
+from zoac.analysis.pages.formatting import estimate, signed, significant
+from zoac.analysis.pages.parameters import parameters
+from zoac.analysis.pages.reproduce import reproduce
+from zoac.analysis.pages.requirements import requirements, verdicts
 
 
-def details(
-    run: Run, label: str, siblings: int, reference: Run | None, replays: bool, opened: bool
-) -> str:
-    """Return a folded part about one run.
+def details(run: Run, reference: Run | None, replays: bool, more: str = "") -> str:
+    """Return what there is to say about one run.
 
     Args:
         run: The run.
-        label: Of its method.
-        siblings: Number of seeds of this method that are there; the run shown is their median.
-        reference: A run that was not tuned, to compare with.
-        replays: Whether to drive the controllers for closed-loop plots.
-        opened: Whether the part is open at first.
+        reference: A run that was not tuned, to compare with where the run has no baseline.
+        replays: Whether to drive controllers once more where no signals were recorded.
+        more: Further parts, before the last ones.
     """
-    which = f", the median of {siblings} by cost" if siblings > 1 else ""
-    title = f"{escape(label)}, seed {run.seed}{which}"
-    parts = [
-        html.paragraph(_verdict(run, reference)),
-        html.bullets([escape(told) for told in run.outcome.get("warnings", [])], css="warning"),
-        _tiles(run),
-        requirements(run),
-        html.subtitle("Parameters"),
-        _parameters(run),
-        html.subtitle("Learning curve"),
-        html.gallery(_learning_curves(run)),
-        html.subtitle("Closed loop"),
-        _closed_loop(run, reference) if replays else html.paragraph("Not replayed.", "muted"),
-        html.subtitle("Health"),
-        _health(run),
-        html.subtitle("How to reproduce"),
-        _reproduce(run),
-    ]
-    return html.folded(title, "".join(parts), opened)
-
-
-def _verdict(run: Run, reference: Run | None) -> str:
-    costs = run.costs
-    if not np.isfinite(costs).all():
-        return "The final cost is not finite."
-    text = f"Final cost <b>{number(float(costs.mean()))}</b> over {len(costs)} evaluation episodes"
-    first = run.evaluations[0] if replay.before(run) else None
-    if first is not None:
-        shared = len(first["cost_per_episode"])
-        start = float(np.mean(first["cost_per_episode"]))
-        end = float(costs[:shared].mean())
-        text += (
-            f"; on the {shared} of them that were run before tuning as well, "
-            f"<b>{number(start)}</b> before and <b>{number(end)}</b> after"
-        )
-    if reference is not None and reference is not run and len(reference.costs) == len(costs):
-        difference = paired_difference(
-            Scores(costs[None], tuned=False),
-            Scores(reference.costs[None], tuned=False),
-            stream(0, f"report {run.folder.name}"),
-        )
-        text += (
-            f". Against the controller that was not tuned: "
-            f"{estimate(difference, sign=True)}, paired, "
-            "95% over episodes, for this one run"
-        )
-    if (baseline := run.outcome.get("baseline_cost_mean")) is not None:
-        text += f". The baseline costs <b>{number(baseline)}</b> on the same episodes"
-    return text + "."
-
-
-def _tiles(run: Run) -> str:
-    result = run.outcome
-    values = [
-        ("environment steps", f"{result['env_steps']:,}"),
-        ("final cost", number(float(run.costs.mean()))),
-        ("its standard deviation", number(float(np.std(run.costs, ddof=1)))),
-        ("episodes ended early", f"{result.get('terminations', 0)} of {len(run.costs)}"),
-        ("wall time", _duration(result["wall_seconds"])),
-    ]
-    if result.get("prediction_error") is not None:
-        values.append(("prediction error", number(float(result["prediction_error"]))))
-    return html.tiles(values)
-
-
-def _parameters(run: Run) -> str:
-    first, nominal = replay.before(run) or {}, run.identity["nominal"] or {}
-    lines = [["Name", "Before", "Nominal", "After", "Low", "", "High"]]
-    at_bound = []
-    for record in run.identity["parameters"]:
-        parameter = Parameter(**record)
-        name, scale = parameter.name, " (log)" if parameter.scale == "log" else ""
-        after = run.outcome["parameters"][name]
-        values = {"before": first.get(name), "nominal": nominal.get(name), "after": after}
-        places = {}
-        if parameter.kind != "choice":
-            places = {k: _place(parameter, v) for k, v in values.items() if v is not None}
-            for bound, distance in (("low", places["after"]), ("high", 1 - places["after"])):
-                if distance < NEAR_BOUND:
-                    at_bound.append(f"{escape(name)} ({bound})")
-        lines.append(
-            [
-                escape(unit_label(name, parameter.unit)) + scale,
-                *(_value(v) for v in values.values()),
-                f"{parameter.low:g}" if places else NOTHING,
-                html.placed(places) if places else escape(", ".join(map(str, parameter.options))),
-                f"{parameter.high:g}" if places else NOTHING,
-            ]
-        )
-    text = html.keys(["before", "nominal", "after"]) + html.table(without_empty_columns(lines))
-    if at_bound:
-        text += html.paragraph(
-            f"At a bound: {', '.join(at_bound)}. Where the bound is not physical, a wider range "
-            "may do better.",
-            "warning",
-        )
-    return text
-
-
-def _value(value: float | str | None) -> str:
-    if isinstance(value, str):
-        return escape(value)
-    return NOTHING if value is None else f"{value:.6g}"
-
-
-def _place(parameter: Parameter, value: float) -> float:
-    """Return where in its range, 0 to 1, `value` lies."""
-    inside = float(np.clip(value, parameter.low, parameter.high))
-    return (float(ParameterSpace([parameter]).normalise({parameter.name: inside})[0]) + 1) / 2
-
-
-def _learning_curves(run: Run) -> list[str]:
-    rows = run.evaluations
-    if len(rows) < 2:
-        return []
-    pictures = []
-    steps = [row["env_steps"] for row in rows]
-    for metric, caption in (
-        ("cost_mean", "Recommended parameters; band: 10% to 90% of the episodes"),
-        ("prediction_error", ""),
-    ):
-        if metric not in rows[0]:
-            continue
-        values = np.array([row[metric] for row in rows], dtype=float)
-        figure, axes = html.figure()
-        axes.plot(steps, values, color=style.COLOURS[0], marker="o", markersize=3)
-        if metric == "cost_mean":
-            episodes = np.array([row["cost_per_episode"] for row in rows], dtype=float)
-            low, high = np.nanquantile(episodes, [0.1, 0.9], axis=1)
-            axes.fill_between(steps, low, high, color=style.COLOURS[0], alpha=0.15, lw=0)
-        if np.nanmin(values) > 0 and np.nanmax(values) > 20 * np.nanmin(values):
-            axes.set_yscale("log")
-        style.big_axis(axes, "Environment steps")
-        axes.set_ylabel(METRICS[metric])
-        pictures.append(html.picture(figure, f"{run.folder} {metric}", METRICS[metric], caption))
-    return pictures
-
-
-def _closed_loop(run: Run, reference: Run | None) -> str:
-    try:
-        task = replay.rebuild(run)
-    except RunFolderError as error:
-        return html.paragraph(escape(str(error)), "muted")
-    controllers = {"After": run.outcome["parameters"]}
-    if first := replay.before(run):
-        controllers = {"Before": first, **controllers}
-    if reference is not None and reference is not run:
-        controllers["Nominal"] = reference.outcome["parameters"]
-    looks = {
-        "Before": style.Look("#d9a07c", "-", ""),
-        "After": style.Look(style.COLOURS[0], "-", ""),
-        "Nominal": style.Look(style.INK, (0, (1, 1.5)), ""),
-    }
-    segments = replay.demonstrate(task, list(controllers.values()))
-    loops = [
-        Loop(name, looks[name], segment)
-        for name, segment in zip(controllers, segments, strict=True)
-    ]
-    pictures = []
-    tuned = [loop.segment for loop in loops if loop.label != "Before"]
-    last = replay.settled(task, tuned)
-    for k, trace in enumerate(task.traces(segments[0])):
-        figure, axes = html.figure()
-        entries = draw_panel(axes, task, loops, k, last)
-        _keep_in_view(axes, [task.traces(segment)[k] for segment in tuned])
-        style.legend_above(figure, entries, columns=4)
-        pictures.append(html.picture(figure, f"{run.folder} trace {k}", trace.title))
-    totals = ", ".join(f"{loop.label.lower()} {number(loop.segment.costs.sum())}" for loop in loops)
-    return html.gallery(pictures) + html.paragraph(
-        f"Cost of this episode: {totals}. Axes fit the tuned controller; what was before tuning "
-        "may leave them.",
-        "muted",
+    compared = before(run, reference)
+    response = loops.recorded(run)
+    return "".join(
+        [
+            html.paragraph(_verdict(run, compared), "verdict"),
+            html.bullets([escape(told) for told in run.outcome.get("warnings", [])], "warning"),
+            _tiles(run),
+            html.part("Requirements", requirements(run)),
+            html.part("Response", response),
+            html.part("Step information", loops.step_information(run)),
+            html.part("Parameters", parameters(run, compared)),
+            html.part("Learning curve", html.gallery(_learning_curves(run, compared))),
+            html.part(
+                "Closed loop",
+                loops.closed_loop(run, compared) if replays and not response else "",
+            ),
+            more,
+            html.part("Time and failures", _health(run)),
+            html.part("How to reproduce", reproduce(run)),
+        ]
     )
 
 
-def _keep_in_view(axes: Axes, traces: Sequence[Trace]) -> None:
-    """Narrow the y axis if the other lines would squeeze `traces` into a fraction of it."""
-    low = min(float(trace.y.min()) for trace in traces)
-    high = max(float(trace.y.max()) for trace in traces)
-    bottom, top = axes.get_ylim()
-    if top - bottom > MAX_VIEW * (high - low) > 0:
-        room = (MAX_VIEW - 1) / 2 * (high - low)
-        axes.set_ylim(max(bottom, low - room), min(top, high + room))
+def title(run: Run, label: str, siblings: int) -> str:
+    """Return the heading of a run, of whose method there are `siblings` seeds; it is the median."""
+    which = f", the median of {siblings} by cost" if siblings > 1 else ""
+    return f"{label}, seed {run.seed}{which}"
+
+
+def objective(run: Run) -> str:
+    """Return what the cost is, where run.json says it."""
+    soft = [row["spec"] for row in run.outcome.get("specs", []) if row["met"] is None]
+    told = run.identity.get("objective") or (soft[0] if len(soft) == 1 else "")
+    return f"The cost is {told}." if told and "study" not in run.identity else ""
+
+
+def _unit(run: Run, count: int) -> str:
+    """Return what evaluation episodes, or experiments, are called."""
+    word = "experiment" if "study" in run.identity else "evaluation episode"
+    return f"{count} {word}{'' if count == 1 else 's'}"
+
+
+def _verdict(run: Run, compared: Before | None) -> str:
+    costs = run.costs
+    found = verdicts(run)
+    text = ""
+    if found:
+        met, css = sum(found), "met" if all(found) else "unmet"
+        all_met = (
+            f"All {len(found)} requirements are met." if len(found) > 1 else "Requirement met."
+        )
+        told = all_met if all(found) else f"{met} of {len(found)} requirements are met."
+        text = f'<b class="{css}">{told}</b> '
+    if not np.isfinite(costs).all():
+        return f"{text}The final cost is not finite."
+    text += f"Cost <b>{significant(float(costs.mean()))}</b> in {_unit(run, len(costs))}"
+    if compared is None:
+        return f"{text}."
+    shared = len(compared.costs)
+    text += f"; the {compared.what} cost <b>{significant(float(compared.costs.mean()))}</b>"
+    if compared.what != "baseline values":
+        text = text.replace(f"the {compared.what} cost ", f"the {compared.what} costs ")
+    if shared < len(costs):
+        now = significant(float(costs[:shared].mean()))
+        text += f" in the first {shared}, where the answer costs {now}"
+    difference = compared.difference(run)
+    if difference is not None and difference.exists:
+        if difference.low == difference.high:
+            text += f". Difference {signed(difference.estimate)}, the same in every episode"
+        else:
+            text += f". Difference {estimate(difference, sign=True)}, paired, 95% over episodes"
+    return f"{text}."
+
+
+def _tiles(run: Run) -> str:
+    result, study = run.outcome, "study" in run.identity
+    costs = run.costs
+    values = [
+        ("experiments" if study else "environment steps", f"{result['env_steps']:,}"),
+        ("final cost", significant(float(costs.mean()))),
+    ]
+    if len(costs) > 1:
+        values.append(("its standard deviation", significant(float(np.std(costs, ddof=1)))))
+    if not study:
+        values.append(("episodes ended early", f"{result.get('terminations', 0)} of {len(costs)}"))
+    values.append(("wall time", _duration(result["wall_seconds"])))
+    if result.get("prediction_error") is not None:
+        values.append(("prediction error", significant(float(result["prediction_error"]))))
+    return html.tiles(values)
+
+
+def _learning_curves(run: Run, compared: Before | None) -> list[str]:
+    """Return the cost, and the prediction error if there is one, over steps; the end included."""
+    rows = [*run.evaluations, run.metrics[-1]]
+    if len(rows) < 2 or not run.tuned:
+        return []
+    study = "study" in run.identity
+    shared = min(len(row["cost_per_episode"]) for row in rows)
+    steps = [row["env_steps"] for row in rows]
+    pictures = []
+    for metric in ("cost_mean", "prediction_error"):
+        if not all(row.get(metric) is not None for row in rows):
+            continue
+        figure, axes = html.figure()
+        values = np.array([row[metric] for row in rows], dtype=float)
+        caption, level = "", np.empty(0)
+        if metric == "cost_mean":
+            episodes = np.array([row["cost_per_episode"][:shared] for row in rows], dtype=float)
+            values = episodes.mean(axis=1)
+            caption = f"Recommended parameters, {_unit(run, shared)} each"
+            if shared > 1 and np.ptp(episodes, axis=1).any():
+                low, high = np.quantile(episodes, [0.1, 0.9], axis=1)
+                style.band(axes, steps, low, high, style.AFTER)
+                caption += "; band: 10% to 90% of them"
+            caption += "."
+            if compared is not None and compared.what != "start of tuning":
+                level = compared.costs[:shared].mean(keepdims=True)
+                look, name = style.NOMINAL, compared.what.capitalize()
+                axes.axhline(float(level[0]), color=look.colour, ls=look.dashes, lw=1.2, label=name)
+        line = style.AFTER.line | {"marker": "o", "markersize": 3}
+        axes.plot(steps, values, label="While tuning", **line)
+        axes.plot(steps[-1:], values[-1:], "D", color=style.AFTER.colour, ms=5, label="Final")
+        broken = [k for k, row in enumerate(rows) if row.get("violations")]
+        if broken:
+            axes.plot(
+                np.array(steps)[broken], values[broken], "x", color=style.BAD, ms=7, mew=1.5,
+                label="A requirement is broken",
+            )  # fmt: skip
+        seen = np.concatenate([values, level])
+        if np.nanmin(seen) > 0 and np.nanmax(seen) > 20 * np.nanmin(seen):
+            axes.set_yscale("log")
+        style.big_axis(axes, "Experiments" if study else METRICS["env_steps"])
+        axes.set_ylabel("Cost" if metric == "cost_mean" else METRICS[metric])
+        handles, names = axes.get_legend_handles_labels()
+        style.legend_above(figure, dict(zip(names, handles, strict=True)), columns=4)
+        pictures.append(html.picture(figure, f"{run.folder} {metric}", METRICS[metric], caption))
+    return pictures
 
 
 def _health(run: Run) -> str:
@@ -238,7 +173,8 @@ def _health(run: Run) -> str:
         for name in ("tuner", "evaluation", "checkpoint")
     ]
     rest = max(0.0, wall - sum(value for _, value in named))
-    text = html.fractions([("rollouts and the rest", rest), *named])
+    study = "study" in run.identity
+    text = "" if study else html.fractions([("rollouts and the rest", rest), *named])
     items = [f"wall time {_duration(wall)}"]
     if result.get("compute_seconds") is not None:
         items.append(f"compute time over all processes {_duration(result['compute_seconds'])}")
@@ -246,39 +182,16 @@ def _health(run: Run) -> str:
         items.append(
             f"time in the solver {_duration(result['solver_seconds'])}, summed over environments"
         )
-    if "solver_failures" in result:
-        items.append(f"solver failures {result['solver_failures']}, tuning and evaluation together")
+    if result.get("solver_failures"):
+        items.append(f"solver failures: {result['solver_failures']}, evaluation included")
     if "tuning_terminations" in result:
         items.append(f"episodes that ended early while tuning: {result['tuning_terminations']}")
+    if result.get("failures"):
+        what = "experiments" if study else "episodes"
+        items.append(f"{what} that failed: {result['failures']}")
+        if result.get("first_failure"):
+            items.append(f"the first failure: {escape(str(result['first_failure']))}")
     return text + html.bullets(items)
-
-
-def _reproduce(run: Run) -> str:
-    identity = run.identity
-    module, *arguments = identity.get("command") or [""]
-    start = "python -m zoac.run" if module.endswith("run.py") else module
-    command = f"{start} {shlex.join(arguments)}".strip()
-    facts = {
-        key: identity.get(key)
-        for key in ("started", "commit", "machine", "versions", "config_hash", "tuner_choices")
-    }
-    return (
-        (html.code(command) if command else "")
-        + html.folded("Versions and machine", html.code(_yaml(facts)))
-        + html.folded("Configuration", html.code(_yaml(run.config)))
-    )
-
-
-def _yaml(node: Any, indent: int = 0) -> str:
-    """Return plain data as YAML, for reading."""
-    lines = []
-    for key, value in node.items():
-        if isinstance(value, Mapping) and value:
-            lines.append(f"{' ' * indent}{key}:\n{_yaml(value, indent + 2)}")
-        else:
-            shown = value if isinstance(value, str) else json.dumps(value)
-            lines.append(f"{' ' * indent}{key}: {shown}")
-    return "\n".join(lines)
 
 
 def _duration(seconds: float) -> str:

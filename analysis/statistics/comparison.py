@@ -8,7 +8,7 @@ from typing import Any
 
 from zoac.analysis.data.fairness import refuse_mixed, refuse_unequal
 from zoac.analysis.data.runs import Collection, Method, Run, by_method
-from zoac.analysis.figures.labels import TASKS, family, method_labels
+from zoac.analysis.figures.labels import TASKS, family, method_labels, tuner_names
 from zoac.analysis.statistics.claims import Claim, claims
 from zoac.analysis.statistics.summaries import (
     NOMINAL,
@@ -64,6 +64,7 @@ def compare(
     budget: int | None = None,
     seeds: Sequence[int] | None = None,
     random_seed: int = 0,
+    whole_table: bool = True,
 ) -> Comparison:
     """Summarise and compare all methods of `task` and of its regularised twin.
 
@@ -74,6 +75,7 @@ def compare(
         budget: Use the last evaluation of each run within so many environment steps.
         seeds: Seeds that every tuned method should have; default: all seeds of all methods.
         random_seed: Seed of the bootstrap.
+        whole_table: Whether to list rows of Table II of which there is no run.
 
     Raises:
         RunFolderError: If there is no such finished run, or runs must not be averaged or compared.
@@ -94,8 +96,9 @@ def compare(
     rows = {m: {run.seed: reached(run, budget) for run in group} for m, group in groups.items()}
     all_rows = [row for found in rows.values() for row in found.values()]
     episodes = min(len(costs_of(row)) for row in all_rows)
-    methods = _order({run.method for run in runs} | _expected(task, groups))
-    labels = method_labels(methods)
+    expected = _expected(task, groups) if whole_table else set()
+    methods = _order({run.method for run in runs} | expected)
+    labels = method_labels(methods, tuner_names(runs))
     nominal = next((m for m, group in groups.items() if _is_untuned(group[0])), None)
     scores = {m: scores_of([*rows[m].values()], groups[m][0].tuned, episodes) for m in groups}
     summaries = []

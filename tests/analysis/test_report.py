@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -7,10 +8,12 @@ from collections import Counter
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from tests.analysis.folders import write_run
-from zoac.analysis import compact
+import zoac
+from tests.analysis.folders import NOMINAL, write_run
+from zoac.analysis import compact, robustness
 from zoac.analysis.report import main
 
 VOID = {"meta", "br", "link", "img"}
@@ -41,12 +44,68 @@ class Tags(HTMLParser):
         assert self.open.pop() == tag
 
 
+SPECS = [
+    {"spec": "overshoot(y, r)", "limit": "<= 0.05", "baseline": 0.2, "baseline_met": False,
+     "value": 0.03, "met": True, "broken": 0, "bad_side": "high", "has_baseline": True,
+     "figure": "overshoot", "signals": ["y", "r"], "options": {}, "window": None, "max": 0.05,
+     "min": None},
+    {"spec": "settling_time(y, r)", "limit": "<= 1 s", "baseline": None, "baseline_met": False,
+     "value": 1.2, "met": False, "broken": 3, "bad_side": "high", "has_baseline": True,
+     "figure": "settling_time", "signals": ["y", "r"], "options": {"band": 0.02}, "window": None,
+     "max": 1.0, "min": None},
+]  # fmt: skip
+BASELINE = {
+    "cost_mean": 6.5, "cost_per_episode": [5.0, 6.0, 7.0, 8.0],
+    "violations_by_constraint": {"jerk": {"episodes": 2, "steps": 9, "worst": 0.25}},
+}  # fmt: skip
+
+
+def with_signals(root: Path) -> Path:
+    """Write a run with two specs, a constraint, and a response of first order in y."""
+    folder = write_run(
+        root,
+        result={
+            "specs": SPECS,
+            "violations_by_constraint": {"jerk": {"episodes": 0, "steps": 0, "worst": 0.0}},
+            "baseline": BASELINE,
+            "baseline_cost_mean": 6.5,
+        },
+    )
+    record = json.loads((folder / "run.json").read_text())
+    record["signals"] = {"sample_time": 0.1, "units": {"y": "rad/s", "r": "", "u": "V"}}
+    (folder / "run.json").write_text(json.dumps(record))
+    rows = ["parameters,time,y,r,u"]
+    for which, tau in (("baseline", 2.0), ("tuned", 0.5)):
+        for t in np.arange(0.0, 5.0, 0.1):
+            rows.append(f"{which},{t},{1 - np.exp(-t / tau)},1.0,0.5")
+    (folder / "responses.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def rows_of(text: str, heading: str) -> dict[str, dict[str, str]]:
+    """Return the cells of the table under a heading, by the first cell and the column."""
+    table = text.split(f"<h3>{heading}</h3>")[1].split("</table>")[0]
+    found = {}
+    for row in re.findall(r"<tr.*?</tr>", table.split("<tbody>")[1], re.S):
+        cells = re.findall(r'<td(?: class="[a-z]*")? data-label="([^"]*)">(.*?)</td>', row)
+        (_, first), *others = cells
+        css = re.match(r'<tr class="(\w+)"', row)
+        found[first] = {**dict(others), "css": css[1] if css else ""}
+    return found
+
+
+@pytest.fixture(scope="module")
+def signals(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = with_signals(tmp_path_factory.mktemp("runs"))
+    return page(folder, tmp_path_factory.mktemp("out"))
+
+
 @pytest.fixture(scope="module")
 def text(tmp_path_factory: pytest.TempPathFactory) -> str:
     root = tmp_path_factory.mktemp("runs")
     for seed in range(2):
         write_run(root, "zoac", seed, gains={"k": 2.0, "Kp": 1.0, "Ki": 0.0, "Kd": 3.0})
-    write_run(root, "nominal", evaluations=())
+    write_run(root, "nominal", evaluations=(), gains=NOMINAL)
     write_run(root, "bo", finished=False)
     return page(root, tmp_path_factory.mktemp("out"))
 
@@ -70,9 +129,11 @@ def test_references_within_pictures_lead_somewhere(text: str) -> None:
 
 
 def test_gains_stand_before_and_after_within_their_bounds(text: str) -> None:
-    (line,) = [line for line in text.split("\n") if line.startswith("<tr><td>Kp")]
-    cells = re.findall(r"<td>(.*?)</td>", line)
-    assert cells[:5] == ["Kp", "1.05", "0.8307", "1", "0"]
+    (line,) = [line for line in text.split("\n") if line.startswith("<tr>") and ">Kp<" in line]
+    cells = dict(re.findall(r'data-label="([^"]*)">(.*?)</td>', line))
+    assert (cells["Start of tuning"], cells["Before"], cells["After"]) == ("1.05", "0.8307", "1")
+    assert "<span>0</span>" in cells["Range"]
+    assert "<span>10</span>" in cells["Range"]
     assert 'class="after" style="left:10.0%"' in line
 
 
@@ -88,14 +149,11 @@ def test_an_unfinished_run_is_named(text: str) -> None:
     assert "unfinished, 500 of 1000 environment steps" in text
 
 
-def test_how_to_reproduce_is_a_command(text: str) -> None:
-    assert "<pre>python -m zoac.run task=pid_acc tuner=zoac seed=0</pre>" in text
-
-
 def test_one_run_is_enough(tmp_path: Path) -> None:
     text = page(write_run(tmp_path), tmp_path / "out")
     assert "Comparison" not in text
     assert "ZOAC, seed 0" in text
+    assert "<h1><small>Tuning report</small>PID-ACC</h1>" in text
 
 
 def test_a_task_that_cannot_be_rebuilt_costs_only_the_closed_loop(tmp_path: Path) -> None:
@@ -132,3 +190,131 @@ def test_terminations_while_tuning_are_those_of_the_result(tmp_path: Path) -> No
     for root in (folder, small):
         text = page(root, tmp_path / "out", "--no-replay")
         assert "episodes that ended early while tuning: 224<" in text
+
+
+def test_requirements_are_rows_green_or_red_before_and_after(signals: str) -> None:
+    rows = rows_of(signals, "Requirements")
+    met, unmet = '<span class="met">✓</span>', '<span class="unmet">✗</span>'
+    assert rows["overshoot(y, r)"] == {
+        "Limit": "≤ 0.05", "Before": f"{unmet} 0.2", "After": f"{met} 0.03", "css": "met",
+    }  # fmt: skip
+    assert rows["settling_time(y, r)"] == {
+        "Limit": "≤ 1 s", "Before": f"{unmet} never", "After": f"{unmet} 1.2 in 3 of 4 episodes",
+        "css": "unmet",
+    }  # fmt: skip
+    assert rows["jerk"]["Before"] == f"{unmet} broken in 2 of 4 episodes, by up to 0.25"
+    assert rows["jerk"]["After"] == f"{met} kept"
+    assert '<b class="unmet">2 of 3 requirements are met.</b>' in signals
+
+
+def test_signals_have_names_units_and_seconds_and_stand_over_their_reference(signals: str) -> None:
+    response = signals.split("<h3>Response</h3>")[1].split("<h3>")[0]
+    y, u = re.findall(r"<svg.*?</svg>", response, re.S)
+    for picture, label in ((y, "y [rad/s]"), (u, "u [V]")):
+        assert f">{label}</text>" in picture
+        assert ">Time [s]</text>" in picture
+    assert ">Reference</text>" in y
+    assert ">Reference</text>" not in u
+    assert "Closed loop" not in signals  # recorded signals are not driven once more
+
+
+def test_the_step_is_described_where_the_reference_steps_once(signals: str) -> None:
+    rows = rows_of(signals, "Step information")
+    rise = rows["Rise time, 10% to 90% [s]"]  # tau ln 9
+    assert float(rise["Before"]) == pytest.approx(2.0 * np.log(9), abs=0.11)
+    assert float(rise["After"]) == pytest.approx(0.5 * np.log(9), abs=0.11)
+    settled = rows["Settling time, 2% [s]"]  # tau ln 50
+    assert settled["Before"] == "never"
+    assert float(settled["After"]) == pytest.approx(0.5 * np.log(50), abs=0.11)
+
+
+def test_a_reference_that_moves_twice_has_no_step(tmp_path: Path) -> None:
+    file = with_signals(tmp_path) / "responses.csv"
+    lines = file.read_text().splitlines()
+    lines[20] = lines[20].replace(",1.0,", ",0.0,")
+    file.write_text("\n".join(lines) + "\n")
+    rows = rows_of(page(tmp_path, tmp_path / "out"), "Step information")
+    assert rows["Overshoot [%]"]["Before"] == "--"
+    assert rows["Overshoot [%]"]["After"] == "0"
+
+
+def test_the_curve_ends_with_the_answer_and_the_baseline_is_drawn_once(signals: str) -> None:
+    curve = signals.split("<h3>Learning curve</h3>")[1].split("<h3>")[0]
+    (picture, _) = re.findall(r"<svg.*?</svg>", curve, re.S)
+    labels = re.findall(r">([^<>]+)</text>", picture)
+    assert [labels.count(name) for name in ("Final", "Baseline values")] == [1, 1]
+    assert "2 evaluation episodes each" in curve
+
+
+def test_a_difference_stands_with_its_interval(tmp_path: Path) -> None:
+    costs = [3.0, 4.0, 5.0, 6.0, 7.0]
+    baseline = {"cost_mean": 7.2, "cost_per_episode": [5.0, 6.0, 7.0, 8.5, 9.5]}
+    folder = write_run(tmp_path, costs=costs, result={"baseline": baseline})
+    text = page(folder, tmp_path / "out")
+    assert re.search(r"Difference -2\.20 \[-2\.\d+, -\d\.\d+\], paired, 95%", text)
+
+
+def test_no_heading_is_empty(text: str, signals: str, tmp_path: Path) -> None:
+    nominal = page(write_run(tmp_path, "nominal", evaluations=()), tmp_path / "out")
+    for found in (text, signals, nominal):
+        assert re.findall(r"</h([23])>\s*<(?:h\1|/section|/details|footer)", found) == []
+        assert '<div class="gallery"></div>' not in found
+
+
+def test_pairs_without_a_difference_are_one_sentence(sweep: Path, tmp_path: Path) -> None:
+    text = page(sweep, tmp_path / "out", "--no-replay")
+    differences = text.split("<h3>Differences</h3>")[1].split("<details open>")[0]
+    assert "no claim" not in text
+    assert "1 of 6 pairs show no clear difference" in differences
+    said = re.findall(r"<li>(.*?)</li>", differences)
+    assert any(s.startswith("<b>Nominal</b> beats ZOAC: it costs less on average") for s in said)
+    assert [s for s in said if not re.search(r"\[[\d.%]+, [\d.%]+\]", s)] == []
+    table = differences.split("<tbody>")[1]
+    assert table.count("<tr>") == 6
+    assert len(re.findall(r"[+-][\d.]+ \[[+-][\d.]+, [+-][\d.]+\]", table)) == 6
+
+
+def test_four_seeds_give_no_difference_without_an_interval(tmp_path: Path) -> None:
+    for seed in range(4):
+        write_run(tmp_path, "zoac", seed)
+    write_run(tmp_path, "nominal", evaluations=())
+    text = page(tmp_path, tmp_path / "out", "--no-replay")
+    assert "Fewer than 5 seeds have no interval" in text
+    assert "Minus nominal" not in text
+
+
+def test_cells_carry_the_names_of_their_columns_for_narrow_screens(signals: str) -> None:
+    cells = re.findall(r"<td[^>]*>", signals)
+    assert cells
+    assert all("data-label=" in cell for cell in cells)
+
+
+def test_a_study_is_told_in_experiments(tmp_path: Path) -> None:
+    zoac.tune(
+        cost=lambda p: (p["kp"] - 3) ** 2, space={"kp": (0.1, 20)}, baseline={"kp": 1.0},
+        experiments=6, tuner="random", quiet=True, folder=tmp_path / "motor",
+    )  # fmt: skip
+    text = page(tmp_path / "motor", tmp_path / "out")
+    assert re.search(r"<b>6</b><span>experiments</span>", text)
+    assert "nvironment steps" not in text
+    assert "episode" not in text.split("Configuration")[0]
+    assert ">Experiments</text>" in text
+
+
+def test_robustness_is_shown_where_it_was_run(tmp_path: Path, capsys) -> None:
+    folder, other = write_run(tmp_path / "runs"), write_run(tmp_path / "runs", "bo")
+    out = tmp_path / "robustness"
+    options = ["--out", str(out), "--plants", "2", "--episodes", "2", "--format", "svg"]
+    assert robustness.main([str(folder), *options, "--vary", "preceding_std=0.02,0.2"]) == 0
+    asked = ["--robustness", str(out), "--no-replay"]
+    text = page(folder, tmp_path / "out", *asked)
+    rows = rows_of(text, "Robustness")
+    assert set(rows) == {"tuned", "baseline"}
+    csv = (out / "robustness.csv").read_text().splitlines()
+    own = next(line for line in csv if line.startswith("plant,tuned,0"))
+    assert float(rows["tuned"]["Own plant"]) == pytest.approx(float(own.split(",")[4]), rel=1e-3)
+    assert "<h3>Sensitivity</h3>" in text
+    assert "<h3>Robustness</h3>" not in page(other, tmp_path / "out", *asked)
+    capsys.readouterr()
+    assert main([str(folder), "--robustness", str(tmp_path / "nowhere")]) == 1
+    assert capsys.readouterr().err.startswith("error: no robustness.json in")

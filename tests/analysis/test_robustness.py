@@ -13,7 +13,7 @@ import zoac
 import zoac.tasks.user_task
 from tests.analysis.folders import PID, write_run
 from zoac.analysis import robustness
-from zoac.analysis.data import replay
+from zoac.analysis.data import plants, replay
 from zoac.analysis.data.load import read
 from zoac.core.errors import ConfigError
 from zoac.tasks.pid_acc import PidAcc
@@ -95,7 +95,7 @@ def test_a_plant_that_varies_while_tuning_is_fixed_when_it_is_set():
 
 def test_the_options_of_a_built_in_task_can_vary(tmp_path: Path):
     run = read(write_run(tmp_path))
-    other = robustness.on_plant(run, replay.rebuild(run), {"preceding_std": 0.4})
+    other = plants.on_plant(run, replay.rebuild(run), {"preceding_std": 0.4})
     assert isinstance(other, PidAcc)
     assert other._preceding_std == 0.4
     assert run.config["task"]["preceding_std"] == 0.05
@@ -111,7 +111,7 @@ def test_the_options_of_a_built_in_task_can_vary(tmp_path: Path):
 def test_what_cannot_vary_is_named(tmp_path, name, message):
     run = read(write_run(tmp_path, config={"task": PID}))
     with pytest.raises(ConfigError, match=message):
-        robustness.on_plant(run, replay.rebuild(run), {name: 1.0})
+        plants.on_plant(run, replay.rebuild(run), {name: 1.0})
 
 
 def test_the_command_writes_table_and_figure(tmp_path, capsys):

@@ -26,8 +26,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 KEYS = ("parameters", "time")
-LOOKS = {"baseline": ("Before", "#d9a07c"), "tuned": ("After", "#0072b2")}
-"""Label and colour by what the column `parameters` says."""
+BEFORE, AFTER = ("#B3571F", (0, (4, 1.5))), ("#0072B2", "-")
+"""Colour and dashes."""
+LOOKS = {"baseline": ("Before", *BEFORE), "tuned": ("After", *AFTER)}
+"""Label, colour and dashes by what the column `parameters` says."""
 INK, GREY = "#222222", "#8a8a8a"
 WIDTH, HEIGHT = 6.0, 1.9
 """Of the figure, and of each signal's axes [in]."""
@@ -136,8 +138,8 @@ def draw(axes: Axes, table: pd.DataFrame, name: str, specs: Sequence[Mapping[str
     if reference in last.columns:
         axes.plot(last["time"], last[reference], color=GREY, lw=2.4, alpha=0.5, label="Reference")
     for which, part in parts:
-        label, colour = LOOKS[str(which)]
-        axes.plot(part["time"], part[name], color=colour, lw=1.3, label=label)
+        label, colour, dashes = LOOKS[str(which)]
+        axes.plot(part["time"], part[name], color=colour, ls=dashes, lw=1.3, label=label)
     values = {column: last[column].to_numpy() for column in last.columns[2:]}
     for limit in guides.limits(specs, name, last["time"].to_numpy(), values):
         axes.plot(

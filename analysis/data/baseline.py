@@ -1,0 +1,63 @@
+"""What a tuned controller is compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from zoac.analysis.data import replay
+from zoac.analysis.data.runs import Run
+from zoac.analysis.statistics.stats import Interval, Scores, paired_difference
+from zoac.core.seeding import stream
+
+
+@dataclass(frozen=True, eq=False)
+class Before:
+    """A controller before tuning.
+
+    Args:
+        what: What it is, for people to read.
+        parameters: By name; None if they are not known.
+        costs: (E,) in the first E final evaluation episodes of the run.
+    """
+
+    what: str
+    parameters: Mapping[str, Any] | None
+    costs: np.ndarray
+
+    def difference(self, run: Run) -> Interval | None:
+        """Return the mean cost of `run` minus this one's in the same episodes, with its interval.
+
+        None if a cost is not finite. The interval is over episodes alone: it is of this one run.
+        """
+        costs = run.costs[: len(self.costs)]
+        if not np.isfinite([*costs, *self.costs]).all():
+            return None
+        rng = stream(0, f"report {run.method} {run.seed}")
+        return paired_difference(
+            Scores(costs[None], tuned=False), Scores(self.costs[None], tuned=False), rng
+        )
+
+
+def before(run: Run, reference: Run | None = None) -> Before | None:
+    """Return what `run` is compared with: its baseline values, else `reference`, else its start.
+
+    Args:
+        run: A finished run.
+        reference: A run that was not tuned.
+    """
+    result = run.outcome
+    record = result.get("baseline") or {"cost_mean": result.get("baseline_cost_mean")}
+    costs = record.get("cost_per_episode") or [record["cost_mean"]]
+    if len(costs) == len(run.costs) and None not in costs:
+        return Before("baseline values", run.identity["nominal"], np.array(costs, float))
+    if reference is not None and reference is not run and len(reference.costs) == len(run.costs):
+        parameters = reference.outcome["parameters"]
+        return Before("nominal controller", parameters, reference.costs)
+    if (parameters := replay.before(run)) is not None:
+        costs = run.evaluations[0]["cost_per_episode"]
+        return Before("start of tuning", parameters, np.array(costs, float)[: len(run.costs)])
+    return None

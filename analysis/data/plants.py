@@ -1,0 +1,243 @@
+"""Costs of a run's parameters on other plants, and around the parameters themselves."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zoac.analysis.data import replay
+from zoac.analysis.data.frames import numbers
+from zoac.analysis.data.runs import Run
+from zoac.core.errors import ConfigError, RunFolderError, suggest
+from zoac.core.seeding import stream
+from zoac.rollout.task import Task
+from zoac.runs import schema
+
+STEP = 0.1
+"""Step of the sensitivity in a normalised coordinate: a twentieth of the range."""
+
+TUNED, BASELINE = "tuned", "baseline"
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """Costs of controllers on varied plants.
+
+    Args:
+        plants: Value of each varied number on each plant, (P,) by name; the task's own plant first.
+        costs: (P, E) by controller.
+        ranges: From which the plants were drawn, by name.
+    """
+
+    plants: Mapping[str, np.ndarray]
+    costs: Mapping[str, np.ndarray]
+    ranges: Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Cost around the optimum along one coordinate.
+
+    Args:
+        name: Name of the coordinate.
+        below: Change of the mean cost with the coordinate lowered by `STEP`.
+        above: Change of the mean cost with the coordinate raised by `STEP`.
+        error: Larger standard error of the two.
+    """
+
+    name: str
+    below: float
+    above: float
+    error: float
+
+
+def vary(
+    run: Run, ranges: Mapping[str, tuple[float, float]], plants: int, episodes: int
+) -> Variation:
+    """Return the costs of a run's parameters, and of the baseline, on drawn plants.
+
+    Args:
+        run: A finished run.
+        ranges: Range of each varied number, by name; plants are drawn uniformly.
+        plants: Number of plants.
+        episodes: Number of episodes on each plant, the same for all plants and controllers.
+
+    Raises:
+        ConfigError: If a name is not a number of the plant, or one of its bounds is not whole where
+            the number is.
+    """
+    task = replay.rebuild(run)
+    rng = stream(0, "robustness")
+    drawn = {name: _drawn(run, task, name, bounds, plants, rng) for name, bounds in ranges.items()}
+    points = _points(run, task)
+    print(f"rolling out {(plants + 1) * len(points) * episodes} episodes", file=sys.stderr)
+    seed = int(run.config["evaluation"]["seed"])
+    rows = [replay.costs(task, np.stack(list(points.values())), episodes, seed)]
+    for k in range(plants):
+        other = on_plant(run, task, {name: values[k].item() for name, values in drawn.items()})
+        rows.append(replay.costs(other, np.stack(list(points.values())), episodes, seed))
+    costs = np.stack(rows, axis=1)
+    own = {name: _own_value(run, name) for name in ranges}
+    return Variation(
+        {name: np.concatenate([[own[name]], values]) for name, values in drawn.items()},
+        dict(zip(points, costs, strict=True)),
+        ranges,
+    )
+
+
+def _drawn(
+    run: Run,
+    task: Task,
+    name: str,
+    bounds: tuple[float, float],
+    count: int,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Return values of one number, (count,), uniform in its bounds: whole where it is whole."""
+    node, attribute = run.config["task"], name.removeprefix("plant.")
+    if hasattr(task, "varied") and ("_target_" not in node or name != attribute):
+        plant = task.varied({attribute: bounds})
+        return np.array([plant.draw(rng)[attribute] for _ in range(count)])
+    low, high = bounds
+    if isinstance(_numbers(node).get(name), int) and low.is_integer() and high.is_integer():
+        return rng.integers(int(low), int(high), count, endpoint=True)
+    return rng.uniform(low, high, count)
+
+
+def on_plant(run: Run, task: Task, values: Mapping[str, float]) -> Task:
+    """Return a run's task on a plant with other numbers.
+
+    Args:
+        run: The run, for its configuration.
+        task: The task of the run.
+        values: Numbers by dotted name among the task's options, or `plant.NAME`.
+
+    Raises:
+        ConfigError: If a name is not a number among them.
+    """
+    node = run.config["task"]
+    if "_target_" not in node:  # of `zoac.tune`
+        if not hasattr(task, "with_plant"):
+            raise ConfigError("--vary: this run's task has no numbers that can be set")
+        return task.with_plant({n.removeprefix("plant."): v for n, v in values.items()})
+    from zoac.runs.result import task_from_config
+
+    changed = deepcopy(dict(node))
+    known = _numbers(node)
+    for name, value in values.items():
+        *parents, last = name.split(".")
+        if name not in known and parents != ["plant"]:
+            raise ConfigError(f"--vary: no number {name!r} in the task; {suggest(name, known)}")
+        inner = changed
+        for parent in parents:
+            if inner.get(parent) is None:
+                inner[parent] = {}
+            inner = inner[parent]
+        inner[last] = value
+        if parents == ["plant"] and changed.get("vary"):
+            changed["vary"].pop(last, None)
+    return task_from_config({**run.config, "task": changed})
+
+
+def _numbers(node: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
+    """Return every number among a task's options by dotted name."""
+    found = {f"{prefix}{key}": value for key, value in numbers(node).items()}
+    for key, value in node.items():
+        if isinstance(value, Mapping) and key != "space":
+            found |= _numbers(value, f"{prefix}{key}.")
+    return found
+
+
+def _own_value(run: Run, name: str) -> float:
+    return _numbers(run.config["task"]).get(name, float("nan"))
+
+
+def _points(run: Run, task: Task) -> dict[str, np.ndarray]:
+    """Return the normalised parameters of each controller that is compared."""
+    points = {TUNED: np.array(_normalised(run, task))}
+    if task.baseline is not None:
+        points[BASELINE] = task.space.normalise(task.baseline)
+    return points
+
+
+def _normalised(run: Run, task: Task) -> np.ndarray:
+    names = task.space.names
+    parameters = run.outcome["parameters"]
+    missing = [name for name in names if name not in parameters]
+    if missing:
+        raise RunFolderError(f"{run.folder}: result.json has no {', '.join(missing)}")
+    return task.space.normalise({name: parameters[name] for name in names})
+
+
+def sensitivity(run: Run, episodes: int) -> list[Sensitivity]:
+    """Return how the mean cost changes along each coordinate around a run's parameters.
+
+    Args:
+        run: A finished run.
+        episodes: The same for every point.
+    """
+    task = replay.rebuild(run)
+    centre = _normalised(run, task)
+    steps = np.diag(np.full(task.space.dimension, STEP))
+    points = task.space.clip(np.concatenate([centre[None], centre - steps, centre + steps]))
+    costs = replay.costs(task, points, episodes, int(run.config["evaluation"]["seed"]))
+    changes = costs[1:] - costs[0]
+    means = changes.mean(axis=1).reshape(2, -1)
+    errors = changes.std(axis=1, ddof=min(1, episodes - 1)).reshape(2, -1) / np.sqrt(episodes)
+    return [
+        Sensitivity(name, float(below), float(above), float(error))
+        for name, (below, above), error in zip(
+            task.space.coordinates, means.T, errors.max(axis=0), strict=True
+        )
+    ]
+
+
+IDENTITY = ("task", "tuner", "seed", "variant", "config_hash")
+"""What tells whose robustness it is."""
+
+
+def as_json(run: Run, varied: Variation | None, around: Sequence[Sensitivity]) -> str:
+    """Return everything at full precision, which `read` reads."""
+    record = {
+        "run": {key: run.identity[key] for key in IDENTITY},
+        "plants": None if varied is None else asdict(varied),
+        "sensitivity": [asdict(s) for s in around],
+    }
+    return schema.json_line(record)
+
+
+def read(path: Path, run: Run) -> tuple[Variation | None, list[Sensitivity]] | None:
+    """Return what `as_json` wrote; None if there is no such file, or it is of another run.
+
+    Raises:
+        RunFolderError: If it is damaged.
+    """
+    if not path.is_file():
+        return None
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        if record["run"] != {key: run.identity[key] for key in IDENTITY}:
+            return None
+        found = record["plants"]
+        varied = found and Variation(
+            _arrays(found["plants"]),
+            _arrays(found["costs"]),
+            {name: (low, high) for name, (low, high) in found["ranges"].items()},
+        )
+        return varied, [Sensitivity(**s) for s in record["sensitivity"]]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise RunFolderError(
+            f"{path}: cannot be read ({type(error).__name__}: {error}); run "
+            "python -m zoac.analysis.robustness again"
+        ) from None
+
+
+def _arrays(lists: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    return {name: np.array(values, dtype=np.float64) for name, values in lists.items()}

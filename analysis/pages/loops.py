@@ -1,0 +1,152 @@
+"""The part of a report that shows signals over time: as they were recorded, or driven once more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from zoac.analysis.data import replay
+from zoac.analysis.data.baseline import Before
+from zoac.analysis.data.runs import Run
+from zoac.analysis.figures import style
+from zoac.analysis.pages import html
+from zoac.analysis.pages.formatting import NOTHING, significant
+from zoac.analysis.trajectories import before_and_after, draw_panel
+from zoac.core.errors import RunFolderError
+from zoac.core.measures import Trace
+from zoac.runs import responses, schema
+from zoac.specs import guides
+from zoac.specs import responses as figures
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MAX_VIEW = 3.0
+"""Largest range of an axis, as a multiple of what the tuned controller needs."""
+
+
+def recorded(run: Run) -> str:
+    """Return the signals of the first final episode, before and after; nothing without a record."""
+    if not (run.folder / schema.RESPONSES).is_file():
+        return ""
+    table = responses.first_loop(responses.read(run.folder))
+    signals, specs = run.identity.get("signals", {}), run.outcome.get("specs", [])
+    units = signals.get("units", {})
+    references = guides.references(specs)
+    pictures = []
+    for name in (n for n in table.columns[2:] if n not in references.values()):
+        figure, axes = html.figure()
+        responses.draw(axes, table, name, specs)
+        axes.set_ylabel(f"{name} [{units[name]}]" if units.get(name) else name)
+        axes.set_xlabel("Time [s]" if signals.get("sample_time") else "Step")
+        handles, labels = axes.get_legend_handles_labels()
+        style.legend_above(figure, dict(zip(labels, handles, strict=True)), columns=4)
+        pictures.append(html.picture(figure, f"{run.folder} signal {name}", f"{name} over time"))
+    note = "The first final evaluation episode."
+    if len(set(table["parameters"])) > 1:
+        note += " Before: with the baseline values."
+    return html.gallery(pictures) + html.paragraph(note, "muted")
+
+
+def step_information(run: Run) -> str:
+    """Return rise, overshoot and settling of each signal whose reference steps once, or nothing."""
+    if not (run.folder / schema.RESPONSES).is_file():
+        return ""
+    signals, specs = run.identity.get("signals", {}), run.outcome.get("specs", [])
+    if not signals.get("sample_time"):
+        return ""
+    table = responses.first_loop(responses.read(run.folder))
+    tables = []
+    for name, reference in guides.references(specs).items():
+        windows = [r["window"] for r in specs if r["signals"] == [name, reference] and r["window"]]
+        steps = {
+            str(which): _step(part, name, reference, windows[0] if windows else None)
+            for which, part in table.groupby("parameters", sort=False)
+        }
+        shown = {which: step for which, step in steps.items() if step is not None}
+        if "tuned" in shown:
+            unit = signals.get("units", {}).get(name, "")
+            tables.append(_step_table(name, reference, unit, shown))
+    note = html.paragraph("In the first final evaluation episode, shown above.", "muted")
+    return "".join([*tables, note]) if tables else ""
+
+
+def _step(
+    part: pd.DataFrame, name: str, reference: str, window: Sequence[float] | None
+) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Return time, signal and target from the only step of the reference on; None without one."""
+    t, y, r = (part[column].to_numpy(float) for column in ("time", name, reference))
+    if window is not None:
+        inside = (t >= window[0] - 1e-9) & (t <= window[1] + 1e-9)
+        t, y, r = t[inside], y[inside], r[inside]
+    changes = np.flatnonzero(np.diff(r))
+    if not len(t) or len(changes) > 1:
+        return None
+    start = int(changes[0]) if len(changes) else 0
+    t, y = t[start:], y[start:]
+    return (t, y, float(r[-1])) if np.isfinite(y).all() and y[0] != r[-1] else None
+
+
+def _step_table(
+    name: str, reference: str, unit: str, steps: Mapping[str, tuple[np.ndarray, np.ndarray, float]]
+) -> str:
+    rows = [
+        ("Rise time, 10% to 90% [s]", figures.rise_time, 1.0),
+        ("Overshoot [%]", figures.overshoot, 100.0),
+        ("Settling time, 2% [s]", figures.settling_time, 1.0),
+        (f"Error at the end [{unit}]" if unit else "Error at the end", figures.steady_state_error,
+         1.0),
+    ]  # fmt: skip
+    lines = [[f"Step of {escape(reference)}, seen in {escape(name)}", "Before", "After"]]
+    for label, figure, factor in rows:
+        values = {which: factor * figure(*step) for which, step in steps.items()}
+        cells = [_or_never(values[w]) if w in values else NOTHING for w in ("baseline", "tuned")]
+        lines.append([escape(label), *cells])
+    return html.table(lines)
+
+
+def _or_never(value: float) -> str:
+    return significant(value) if np.isfinite(value) else "never"
+
+
+def closed_loop(run: Run, compared: Before | None) -> str:
+    """Return the demonstration episode, driven once more, before and after."""
+    if "study" in run.identity:
+        return ""
+    try:
+        task = replay.rebuild(run)
+    except RunFolderError as error:
+        return html.paragraph(escape(str(error)), "muted")
+    loops = before_and_after(task, run, compared)
+    pictures = []
+    tuned = loops[-1].segment
+    last = replay.settled(task, [tuned])
+    for k, trace in enumerate(task.traces(tuned)):
+        figure, axes = html.figure()
+        entries = draw_panel(axes, task, loops, k, last)
+        left = _keep_in_view(axes, task.traces(tuned)[k])
+        style.legend_above(figure, entries, columns=4)
+        caption = "The controller before tuning leaves this view." if left else ""
+        pictures.append(html.picture(figure, f"{run.folder} trace {k}", trace.title, caption))
+    totals = ", ".join(
+        f"{loop.label.lower()} {significant(float(loop.segment.costs.sum()))}" for loop in loops
+    )
+    what = f" Before: with the {compared.what}." if len(loops) > 1 and compared else ""
+    return html.gallery(pictures) + html.paragraph(
+        f"The demonstration episode, driven once more. Its cost: {totals}.{escape(what)}", "muted"
+    )
+
+
+def _keep_in_view(axes: Axes, trace: Trace) -> bool:
+    """Narrow the y axis if another line would squeeze `trace` into a fraction of it; tell if so."""
+    low, high = float(trace.y.min()), float(trace.y.max())
+    bottom, top = axes.get_ylim()
+    if not top - bottom > MAX_VIEW * (high - low) > 0:
+        return False
+    room = (MAX_VIEW - 1) / 2 * (high - low)
+    axes.set_ylim(max(bottom, low - room), min(top, high + room))
+    return True

@@ -1,0 +1,169 @@
+"""The part of a report that says how to make the run again, and on what it was made."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+from zoac.analysis.data.runs import Run
+from zoac.analysis.pages import html
+from zoac.config.files import choice, choices, configuration
+from zoac.config.settings import Settings
+from zoac.core.errors import ConfigError
+from zoac.runs import schema
+
+AGAIN = "again"
+"""Folder into which the run is made again: one in its old place is done already."""
+
+TARGET = "_target_"
+
+
+def reproduce(run: Run) -> str:
+    """Return a command or a program that makes the run again, versions and configuration."""
+    identity = run.identity
+    facts = {
+        key: identity[key]
+        for key in ("started", "commit", "machine", "versions", "config_hash", "tuner_choices")
+        if key in identity
+    }
+    return (
+        _way(run)
+        + html.aside("Versions and machine", html.code(as_yaml(facts)))
+        + html.aside("Configuration", html.code(as_yaml(run.config)))
+    )
+
+
+def _way(run: Run) -> str:
+    """Return how to make the run again, with a sentence."""
+    same = "The same versions on the same processor model give the same numbers."
+    if "study" in run.identity:
+        told = "Its experiments were made outside zoac; costs told alike give the same proposals."
+        return html.code(_script(run)) + html.paragraph(told, "muted")
+    if text := _command(run):
+        return html.code(text) + html.paragraph(same, "muted")
+    if text := _program(run):
+        return html.paragraph(f"In Python, where this report was made. {same}", "muted") + (
+            html.code(text)
+        )
+    told = f"The script that made the run, where it was called. {same}"
+    return html.code(_script(run)) + html.paragraph(told, "muted") if _script(run) else ""
+
+
+def _script(run: Run) -> str:
+    """Return the command of a run that a script made; nothing if that is not known."""
+    words = run.identity.get("command") or [""]
+    if words[0].endswith(".py"):
+        return f"python {shlex.join(words)}"
+    return "" if words[0] in ("", "-c") else shlex.join(words)
+
+
+def _command(run: Run) -> str:
+    """Return the command of a run of the command line; nothing for another, or if unknown."""
+    words = run.identity.get("command")
+    if TARGET not in run.config["task"] or (words and not _of_command_line(words[0])):
+        return ""
+    arguments = words[1:] if words else ["-m"]
+    if {"-m", "--multirun"} & set(arguments):  # of all runs of a sweep, not of this one
+        try:
+            arguments = _overrides(run)
+        except ConfigError:  # a task or a tuner of the user's, whose files are elsewhere
+            return ""
+    kept = [word for word in arguments if not word.startswith("runs_dir=")]
+    return f"python -m zoac.run {shlex.join([*kept, f'runs_dir={AGAIN}'])}"
+
+
+def _of_command_line(program: str) -> bool:
+    return program.endswith(("zoac/run.py", "zoac run")) or program == "zoac.run"
+
+
+def _overrides(run: Run) -> list[str]:
+    """Return the overrides of `zoac.run` that give a run's configuration.
+
+    Raises:
+        ConfigError: If its task or its tuner has no file here.
+    """
+    config, task, tuner = run.config, run.method.task, run.method.tuner
+    chosen = {
+        "task": task,
+        "tuner": tuner,
+        "fidelity": config.get("fidelity", {}).get("source", "paper"),
+        "mpc_solver": _choice_of("mpc_solver", config.get("mpc_solver", {})),
+    }
+    defaults = configuration()
+    plain = configuration(**chosen)
+    words = [
+        f"{group}={name}"
+        for group, name in chosen.items()
+        if group in ("task", "tuner") or defaults[group] != plain[group]
+    ]
+    words.append(f"seed={run.seed}")
+    differing = schema.differing_keys({**plain, "seed": run.seed}, config)
+    for key, (here, there) in differing.items():
+        if key.split(".")[0] != "code":
+            mark = "+" if here == "(absent)" else ""
+            words.append(f"~{key}" if there == "(absent)" else f"{mark}{key}={_override(there)}")
+    return words
+
+
+def _choice_of(group: str, node: Mapping[str, Any]) -> str:
+    """Return the name of the file of a group whose class is that of `node`."""
+    files = {name: choice(group, name) for name in choices(group)}
+    found = [name for name, file in files.items() if file.get(TARGET) == node.get(TARGET)]
+    if not found:
+        raise ConfigError(f"no {group} of class {node.get(TARGET)!r}")
+    return found[0]
+
+
+def _override(value: Any) -> str:
+    """Return a value as Hydra reads it."""
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return f"[{','.join(map(_override, value))}]"
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _program(run: Run) -> str:
+    """Return Python code that makes a run of `zoac.tune` again; nothing if its task is unknown."""
+    config = run.config
+    task, imports = repr(run.method.task), ""
+    if TARGET not in config["task"]:
+        if not (run.folder / schema.TASK).is_file():
+            return ""
+        task = "task_of_run(folder, trust_code=True)"
+        imports = "from zoac.runs.result import task_of_run\n"
+    elif run.method.task not in choices("task"):
+        return ""
+    given = {"tuner": run.method.tuner, "seed": run.seed, "budget": config["budget"]}
+    given |= {"eval_every": config["eval_every"]}
+    given |= {k: config["evaluation"][k] for k in ("episodes", "final_episodes")}
+    given |= {
+        f.name: config[f.name]
+        for f in fields(Settings)
+        if f.name in config
+        and f.name not in (*given, "evaluation", "checkpoint_seconds")
+        and config[f.name] != f.default
+    }
+    lines = "".join(f"    {name}={value!r},\n" for name, value in given.items())
+    return (
+        f"import json\nfrom pathlib import Path\n\nimport zoac\n{imports}\n"
+        f"folder = Path({run.folder.as_posix()!r})\n"
+        f'config = json.loads((folder / "{schema.RUN}").read_text())["config"]\n'
+        "result = zoac.tune(\n"
+        f"    task={task},\n{lines}"
+        f'    tuner_options={{k: v for k, v in config["tuner"].items() if k != "{TARGET}"}},\n'
+        f'    folder="{AGAIN}",\n)\n'
+    )
+
+
+def as_yaml(node: Mapping[str, Any], indent: int = 0) -> str:
+    """Return plain data as YAML, for reading."""
+    lines = []
+    for key, value in node.items():
+        if isinstance(value, Mapping) and value:
+            lines.append(f"{' ' * indent}{key}:\n{as_yaml(value, indent + 2)}")
+        else:
+            shown = value if isinstance(value, str) else json.dumps(value)
+            lines.append(f"{' ' * indent}{key}: {shown}")
+    return "\n".join(lines)

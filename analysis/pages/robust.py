@@ -1,0 +1,72 @@
+"""The part of a report on robustness and sensitivity, where `robustness` was run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+from zoac.analysis import robustness
+from zoac.analysis.data import plants
+from zoac.analysis.data.plants import STEP, Sensitivity, Variation
+from zoac.analysis.data.runs import Run
+from zoac.analysis.figures import style
+from zoac.analysis.pages import html
+from zoac.analysis.pages.formatting import signed, significant
+
+
+def robust(run: Run, folder: Path) -> str:
+    """Return what `zoac.analysis.robustness` wrote into a folder, if it is of this run.
+
+    Raises:
+        RunFolderError: If its file is damaged.
+    """
+    found = plants.read(folder / robustness.FILE, run)
+    if found is None:
+        return ""
+    varied, around = found
+    return (_plants(run, varied) if varied is not None else "") + _sensitivity(run, around)
+
+
+def _plants(run: Run, varied: Variation) -> str:
+    count, episodes = next(iter(varied.costs.values())).shape
+    ranges = ", ".join(
+        f"{name} in [{low:g}, {high:g}]" for name, (low, high) in varied.ranges.items()
+    )
+    pictures = []
+    for name in varied.plants:
+        figure, axes = html.figure()
+        robustness.draw_costs(axes, varied, name)
+        handles, labels = axes.get_legend_handles_labels()
+        style.legend_above(figure, dict(zip(labels, handles, strict=True)), columns=2)
+        pictures.append(html.picture(figure, f"{run.folder} plant {name}", f"Cost over {name}"))
+    lines = [[escape(cell) for cell in line] for line in robustness.summary(varied)]
+    return html.part(
+        "Robustness",
+        html.paragraph(
+            f"Cost on {count - 1} other plants, {episodes} episodes each: {escape(ranges)}."
+        ),
+        html.table(lines),
+        html.gallery(pictures),
+    )
+
+
+def _sensitivity(run: Run, around: Sequence[Sensitivity]) -> str:
+    figure, axes = html.figure(height=max(1.6, 0.9 + 0.2 * len(around)))
+    robustness.draw_sensitivity(axes, around)
+    handles, labels = axes.get_legend_handles_labels()
+    style.legend_above(figure, dict(zip(labels, handles, strict=True)), columns=2)
+    picture = html.picture(figure, f"{run.folder} sensitivity", "Change of the mean cost")
+    lines = [["Parameter", "A little less", "A little more", "Standard error"]]
+    lines += [
+        [escape(s.name), *(signed(v) for v in (s.below, s.above)), significant(s.error)]
+        for s in sorted(around, key=lambda s: -max(abs(s.below), abs(s.above)))
+    ]
+    return html.part(
+        "Sensitivity",
+        html.paragraph(
+            f"Change of the mean cost with one parameter moved by {STEP / 2:.0%} of its range."
+        ),
+        html.gallery([picture]),
+        html.aside("As a table", html.table(lines)),
+    )

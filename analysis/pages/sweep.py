@@ -1,0 +1,129 @@
+"""The part of a report that compares methods over their seeds."""
+
+from __future__ import annotations
+
+from html import escape
+
+from zoac.analysis.curves import all_panels, draw_panel
+from zoac.analysis.data.runs import Collection
+from zoac.analysis.figures import style
+from zoac.analysis.figures.labels import METRICS, method_labels
+from zoac.analysis.pages import html
+from zoac.analysis.pages.formatting import (
+    NOTHING,
+    bounds,
+    estimate,
+    number,
+    plus_minus,
+    without_empty_columns,
+)
+from zoac.analysis.statistics.claims import Claim
+from zoac.analysis.statistics.comparison import Comparison, compare
+from zoac.analysis.statistics.stats import MIN_SEEDS, Interval
+
+
+def sweep(collection: Collection, task: str) -> str:
+    """Return the comparison of all methods of a task: table, curves, differences, notes."""
+    comparison = compare(collection, task, whole_table=False)
+    return "".join(
+        [
+            html.part(
+                "Comparison",
+                html.paragraph(_setting(comparison)),
+                _table(comparison),
+                html.bullets([escape(note) for note in comparison.notes], css="warning"),
+            ),
+            html.part("Learning curves", html.gallery(_curves(collection, task))),
+            html.part("Differences", _differences(comparison.claims)),
+        ]
+    )
+
+
+def _setting(comparison: Comparison) -> str:
+    text = (
+        f"Cost of the tuned controllers in {comparison.episodes} evaluation episodes, the same for "
+        "all. ± is the standard deviation over seeds."
+    )
+    if any(s.cost is not None and s.cost.exists for s in comparison.summaries):
+        text += " Intervals are 95%, over seeds and episodes."
+    return text
+
+
+def _table(comparison: Comparison) -> str:
+    lines = [["Method", "Seeds", "Cost", "95% interval", "Interquartile mean",
+              "Minus nominal, 95% interval", "Prediction error", "Wall time [s]"]]  # fmt: skip
+    for s in comparison.summaries:
+        known = s.minus_nominal is not None and s.minus_nominal.exists
+        lines.append(
+            [
+                escape(s.label),
+                str(len(s.seeds)),
+                plus_minus(s.cost_std),
+                bounds(s.cost),
+                number(s.iqm.estimate) if s.iqm and s.tuned else NOTHING,
+                estimate(s.minus_nominal, sign=True) if known and s.minus_nominal else NOTHING,
+                plus_minus(s.prediction_error),
+                plus_minus(s.wall_seconds if s.tuned else None),
+            ]
+        )
+    return html.table(without_empty_columns(lines))
+
+
+def _curves(collection: Collection, task: str) -> list[str]:
+    pictures = []
+    for panel in all_panels(collection, task):
+        methods = [curve.method for curve in panel.curves]
+        if all(len(curve.x) == 1 for curve in panel.curves):  # nothing was tuned
+            continue
+        figure, axes = html.figure()
+        looks, labels = style.looks(methods), method_labels(methods, panel.names)
+        draw_panel(axes, panel, looks, labels, "env_steps")
+        handles, names = axes.get_legend_handles_labels()
+        style.legend_above(figure, dict(zip(names, handles, strict=True)), columns=3)
+        pictures.append(html.picture(figure, f"{task} {panel.metric}", METRICS[panel.metric]))
+    return pictures
+
+
+def _differences(claims: tuple[Claim, ...]) -> str:
+    """Return what can be claimed, one sentence about the rest, and every difference."""
+    judged = [claim for claim in claims if claim.difference.exists]
+    if not claims:
+        return ""
+    if not judged:
+        return html.paragraph(
+            f"Fewer than {MIN_SEEDS} seeds have no interval, so nothing is claimed."
+        )
+    said = [_said(claim) for claim in judged]
+    text = html.bullets([sentence for sentence in said if sentence])
+    if silent := said.count(""):
+        many = f"{silent} of {len(judged)} pairs show" if len(judged) > 1 else "The pair shows"
+        text += html.paragraph(f"{many} no clear difference: the intervals hold zero and one half.")
+    lines = [["First - second", "Difference of mean cost, 95% interval", "First costs less in"]]
+    for claim in judged:
+        p = claim.improvement
+        share = "" if p is None else f"{p.estimate:.0%} [{p.low:.0%}, {p.high:.0%}] of pairs"
+        pair = escape(f"{claim.first} - {claim.second}")
+        lines.append([pair, estimate(claim.difference, sign=True), share or NOTHING])
+    table = html.table(without_empty_columns(lines))
+    return text + html.aside(f"All {len(judged)} differences", table)
+
+
+def _said(claim: Claim) -> str:
+    """Return what the data say of a pair, the better one named first; nothing if they do not."""
+    d, p = claim.difference, claim.improvement
+    told = {}
+    if side := d.side():
+        by = Interval(abs(d.estimate), *sorted((abs(d.low), abs(d.high))))
+        told[side] = [f"costs less on average, by {estimate(by)}"]
+    if p is not None and (side := -p.side(of=0.5)):
+        low, middle, high = sorted((p.low, p.estimate, p.high) if side < 0 else
+                                   (1 - p.low, 1 - p.estimate, 1 - p.high))  # fmt: skip
+        often = f"costs less in {middle:.0%} [{low:.0%}, {high:.0%}] of the pairs of seeds"
+        told.setdefault(side, []).append(often)
+    sentences = []
+    for side, parts in told.items():
+        better, worse = (claim.first, claim.second)[::-side]
+        sentences.append(
+            f"<b>{escape(better)}</b> beats {escape(worse)}: it {' and '.join(parts)}."
+        )
+    return " ".join(sentences)
