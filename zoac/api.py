@@ -124,7 +124,7 @@ def tune(
         experiments: Calls of `cost`, 60 by default; nothing else is run.
         workers: Calls of `cost` at a time, in threads; 1 by default.
         settings: `num_envs`, `initial_sigma`, `acceptance_test`, `select`, `initial_samples`,
-            `common_random_numbers`, `failure_penalty`, ...: any other of
+            `common_random_numbers`, `failure_penalty`, `step_timeout`, ...: any other of
             `zoac.config.settings.Settings`, which says what each does.
 
     Raises:
@@ -194,8 +194,7 @@ def tune(
     if not by_name:
         config["task"] = settings_of_task(the_task, of_task, config.get("task", {}))
     checked = factory.build_settings(config)
-    if checked.failure_penalty is not None:
-        the_task.failure_penalty = checked.failure_penalty
+    factory.with_failures(the_task, config)
     identified, doubts = with_code(config, the_task)
     where = Path(folder or tempfile.mkdtemp(prefix="zoac-")).expanduser()
     run = Run(

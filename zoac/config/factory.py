@@ -70,8 +70,14 @@ def _checked(
 def build_task(config: Mapping[str, Any]) -> Task:
     """Return the task of a resolved configuration."""
     task = build(config["task"], "task", Task)
-    if (penalty := config.get("failure_penalty")) is not None:
-        task.failure_penalty = penalty
+    return with_failures(task, config)
+
+
+def with_failures(task: Task, config: Mapping[str, Any]) -> Task:
+    """Return the task, told what a failure is and costs where the run's settings say so."""
+    for name in ("failure_penalty", "step_timeout"):
+        if (value := config.get(name)) is not None:
+            setattr(task, name, value)
     return task
 
 
@@ -235,7 +241,13 @@ def baseline_use(node: Mapping[str, Any], task: Task, settings: Settings) -> dic
 
 def build_executor(config: Mapping[str, Any]) -> Executor:
     """Return the executor of a resolved configuration, not yet started."""
-    return build(config["executor"], "executor", Executor)
+    executor: Executor = build(config["executor"], "executor", Executor)
+    if (seconds := config.get("step_timeout")) is not None and not executor.ends_steps:
+        raise ConfigError(
+            f"step_timeout={seconds:g}: executor={type(executor).__name__.lower()} cannot end a "
+            "step that does not return; choose executor=process"
+        )
+    return executor
 
 
 def build_loggers(config: Mapping[str, Any]) -> list[Logger]:

@@ -61,6 +61,9 @@ class Settings:
         failure_penalty: Cost of a step that fails, which ends its episode: controller or
             environment raises, or returns what is not finite; None: that ends the run with a
             message. The result's record counts `failures` and keeps the `first_failure`.
+        step_timeout: Seconds that a step or reset of an environment may take, with
+            executor=process. One that takes longer is ended, its worker replaced, and the episode
+            has failed, as with `failure_penalty`.
         initial_samples: Random points, an episode each, of which the best is where the tuner
             starts; see `zoac.strategies.initial_design.InitialDesign`.
         common_random_numbers: Whole episodes that the tuner asks for together begin alike; see
@@ -74,6 +77,7 @@ class Settings:
     evaluation: Evaluation = Evaluation()
     checkpoint_seconds: NonNegative = 30.0
     failure_penalty: float | None = None
+    step_timeout: Annotated[float, Field(gt=0)] | None = None
     initial_sigma: Annotated[float, Field(gt=0, le=1)] | None = None
     acceptance_test: Fraction | None = None
     select: Literal["last", "best_evaluated"] | None = None
@@ -82,10 +86,12 @@ class Settings:
 
 
 CHANGES_THE_METHOD = tuple(
-    f.name for f in fields(Settings) if f.default is None and f.name != "failure_penalty"
+    f.name
+    for f in fields(Settings)
+    if f.default is None and f.name not in ("failure_penalty", "step_timeout")
 )
 """Settings that are off unless given, and then are part of the method: compared runs may differ in
-them. A failure's penalty is part of the task."""
+them. What a failure is and costs is part of the task."""
 
 
 def whole_numbers(owner: type, given: Mapping[str, Any]) -> dict[str, Any]:

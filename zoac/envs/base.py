@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from typing import Any
 
 import gymnasium
@@ -18,6 +19,9 @@ from gymnasium.vector.utils import batch_space
 from zoac.core.errors import ConfigError, suggest
 
 Snapshot = dict[str, Any]
+
+Watch = Callable[[int, str], AbstractContextManager[None]]
+"""Takes an environment's index and the method that is called while the context lasts."""
 
 
 class VecEnv(VectorEnv, ABC):
@@ -108,6 +112,17 @@ class VecEnv(VectorEnv, ABC):
     @abstractmethod
     def restore(self, env_indices: Sequence[int] | np.ndarray, state: Snapshot) -> np.ndarray:
         """Restore `state` at `env_indices`; return the observations (n, o) of all."""
+
+    def watch(self, watch: Watch) -> None:
+        """Call every `reset` and `step` of an environment within `watch(env_index, name)`.
+
+        Raises:
+            ConfigError: If environments are not called one by one.
+        """
+        raise ConfigError(
+            f"step_timeout: the environments of {type(self).__name__} are stepped all at once, so "
+            "that no step of one can be ended; leave it out"
+        )
 
 
 class ArrayVecEnv(VecEnv):

@@ -20,7 +20,7 @@ from zoac.core.errors import (
 from zoac.core.seeding import stream
 from zoac.core.state import OwnObject
 from zoac.core.types import is_number
-from zoac.envs.base import VecEnv
+from zoac.envs.base import VecEnv, Watch
 from zoac.envs.objective import Objective
 from zoac.envs.plant_numbers import Bounds, PlantNumbers
 from zoac.envs.single_env import (
@@ -99,6 +99,11 @@ class GymnasiumVecEnv(VecEnv):
             self._numbers.put(env, self._numbers.fixed)
         self._draws: list[np.random.Generator] = [np.random.default_rng(0) for _ in envs]
         self._seen = np.zeros((len(envs), size))
+        self._watch: Watch = lambda env_index, method: contextlib.nullcontext()
+
+    def watch(self, watch: Watch) -> None:
+        """See `VecEnv.watch`."""
+        self._watch = watch
 
     def reset(
         self,
@@ -187,7 +192,8 @@ class GymnasiumVecEnv(VecEnv):
             EnvironmentFailure: If it raises.
         """
         try:
-            return getattr(self._envs[env_index], method)(*arguments, **options)
+            with self._watch(env_index, method):
+                return getattr(self._envs[env_index], method)(*arguments, **options)
         except ZoacError:
             raise
         except Exception as error:

@@ -8,6 +8,7 @@ from typing import Any
 
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
+from zoac.envs.base import Watch
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.task import Task
 
@@ -25,6 +26,8 @@ class Executor(ABC):
 
     tell: Callable[[str], None] = staticmethod(print)
     """Takes what a user should know, such as a choice that was made."""
+    ends_steps = False
+    """Whether it keeps the task's `step_timeout`."""
 
     @abstractmethod
     def start(self, task: Task, num_envs: int, seed: int) -> None:
@@ -62,10 +65,22 @@ class Executor(ABC):
 class RolloutHost:
     """The tuning environments of one process, and those of evaluation once needed."""
 
-    def __init__(self, task: Task, env_indices: Sequence[int], seed: int) -> None:
-        self._task = task
+    def __init__(
+        self, task: Task, env_indices: Sequence[int], seed: int, watch: Watch | None = None
+    ) -> None:
+        """
+        Args:
+            task: Gives environment and controller.
+            env_indices: Of the tuning environments.
+            seed: Of the run.
+            watch: See `VecEnv.watch`.
+        """
+        self._task, self._watch = task, watch
         self.engine = RolloutEngine(
-            task, env_indices, [stream_seed(seed, "lane", env_index) for env_index in env_indices]
+            task,
+            env_indices,
+            [stream_seed(seed, "lane", env_index) for env_index in env_indices],
+            watch,
         )
         self._evaluation: dict[int, RolloutEngine] = {}
 
@@ -75,7 +90,9 @@ class RolloutHost:
         if width not in self._evaluation:
             # Every evaluation episode brings its seed: the environments' own streams are never
             # drawn from.
-            self._evaluation[width] = RolloutEngine(self._task, range(width), [0] * width)
+            self._evaluation[width] = RolloutEngine(
+                self._task, range(width), [0] * width, self._watch
+            )
         return self._evaluation[width].rollout(proposals)
 
     def close(self) -> None:

@@ -6,19 +6,25 @@ import contextlib
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 from zoac.core.errors import WorkerError
+from zoac.core.seeding import stream_seed
 from zoac.core.types import Count
 from zoac.executors import guard
 from zoac.executors.pool import Handle, Pool
-from zoac.executors.worker import receive, send
+from zoac.executors.step_watch import Call, StepWatch
+from zoac.executors.worker import CANNOT_BE_SAVED, receive, send
 from zoac.rollout.task import Task
 
 
 class Process(Pool):
     """Groups of neighbouring environments, each in a process of its own."""
+
+    ends_steps = True
 
     def __init__(
         self,
@@ -61,14 +67,17 @@ class _ProcessHandle(Handle):
     def __init__(self, task: Task, env_indices: list[int], seed: int, attempts: int) -> None:
         super().__init__(env_indices)
         self._task, self._seed, self._attempts = task, seed, attempts
+        self._watch = None if task.step_timeout is None else StepWatch(task.step_timeout)
         self._earlier_seconds = self._seconds = 0.0
         self._request: tuple[str, tuple[Any, ...]] = ("state", ())
+        self._restarts = 0
         self._start_process()
 
     def ready(self) -> None:
         """See `Handle.ready`."""
+        watched = None if self._watch is None else self._watch.path
         steps: list[tuple[str, tuple[Any, ...]]] = [
-            ("start", (self._task, self.env_indices, self._seed))
+            ("start", (self._task, self.env_indices, self._seed, watched))
         ]
         if self.env_states is not None:
             steps.append(("restore", (self.env_states,)))
@@ -85,23 +94,33 @@ class _ProcessHandle(Handle):
     def begin(self, method: str, *arguments: Any) -> None:
         """See `Handle.begin`."""
         self._request = (method, arguments)
+        self._send(())
+
+    def _send(self, hung: Sequence[Call]) -> None:
+        """Send the request, in which some calls of environments never return."""
+        method, arguments = self._request
         with contextlib.suppress(OSError):  # it has died: `finish` notices and sends again
-            send(self._input, self._request)
+            send(self._input, (method, (*arguments, hung) if hung else arguments))
 
     def finish(self) -> Any:
         """See `Handle.finish`."""
-        for attempt in range(1, self._attempts + 1):
+        deaths, hung = 0, list[Call]()
+        while True:
+            known = len(hung)
             try:
-                reply = self._reply()
+                with self._watching(hung):
+                    reply = self._reply()
             except EOFError:  # nobody is there any more
                 status = self._process.wait()
-                if attempt == self._attempts:
+                deaths += len(hung) == known
+                if deaths == self._attempts:
                     break
-                self.close()
+                self._end_process()
+                if len(hung) > known and self.env_states == CANNOT_BE_SAVED:
+                    self._begin_new_episodes()
                 self._start_process()
                 self.ready()
-                method, arguments = self._request
-                self.begin(method, *arguments)
+                self._send(hung)
             else:
                 return self._result(reply)
         raise WorkerError(
@@ -110,6 +129,18 @@ class _ProcessHandle(Handle):
             "try fewer executor.workers or fewer environments"
         )
 
+    def _watching(self, hung: list[Call]) -> AbstractContextManager[None]:
+        """Return a context in which a worker is killed whose environment does not return."""
+        if self._watch is None:
+            return contextlib.nullcontext()
+        return self._watch.watching(lambda: guard.kill(self._process), hung)
+
+    def _begin_new_episodes(self) -> None:
+        """Have the next process begin anew where environments that hang cannot be restored."""
+        self._restarts += 1
+        self._seed = stream_seed(self._seed, "restart", self._restarts)
+        self.env_states = None
+
     @property
     def processor_seconds(self) -> float:
         """See `Handle.processor_seconds`."""
@@ -117,6 +148,11 @@ class _ProcessHandle(Handle):
 
     def close(self) -> None:
         """See `Handle.close`."""
+        self._end_process()
+        if self._watch is not None:
+            self._watch.close()
+
+    def _end_process(self) -> None:
         guard.kill(self._process)
         self._process.wait()
         for stream in (self._input, self._output):

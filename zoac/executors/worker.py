@@ -12,7 +12,7 @@ import struct
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from queue import SimpleQueue
 from typing import IO, Any
 
@@ -21,6 +21,8 @@ import cloudpickle
 from zoac.core.errors import WorkerError, ZoacError
 from zoac.core.state import pickled
 from zoac.executors.base import RolloutHost
+from zoac.executors.step_watch import Call, StepClock
+from zoac.rollout.task import Task
 
 _LENGTH = struct.Struct("<Q")
 
@@ -77,18 +79,38 @@ class Worker:
     """Answers requests with one host's environments."""
 
     _host: RolloutHost
+    _clock: StepClock | None = None
 
-    def start(self, *arguments: Any) -> None:
-        """Make the environments: arguments of `RolloutHost`."""
-        self._host = RolloutHost(*arguments)
+    def start(self, task: Task, env_indices: Any, seed: int, watched: str | None = None) -> None:
+        """Make the environments; see `RolloutHost`.
 
-    def rollout(self, proposals: Any) -> Any:
+        Args:
+            task: Gives environment and controller.
+            env_indices: Of the environments.
+            seed: Of the run.
+            watched: The file in which to tell of steps; see `zoac.executors.step_watch`.
+        """
+        watch = None
+        if watched is not None:
+            assert task.step_timeout is not None
+            self._clock = StepClock(watched, task.step_timeout)
+            watch = self._clock.call
+        self._host = RolloutHost(task, env_indices, seed, watch)
+
+    def rollout(self, proposals: Any, hung: Collection[Call] = ()) -> Any:
         """Return the segments, and the environments' state in case this process dies later."""
+        self._begin(hung)
         return self._host.engine.rollout(proposals), saved(self._host.engine.state)
 
-    def evaluate(self, proposals: Any) -> Any:
+    def evaluate(self, proposals: Any, hung: Collection[Call] = ()) -> Any:
         """Return the segments of evaluation episodes."""
+        self._begin(hung)
         return self._host.evaluate(proposals)
+
+    def _begin(self, hung: Collection[Call]) -> None:
+        """Begin a request, in which some calls of environments never return."""
+        if self._clock is not None:
+            self._clock.begin(hung)
 
     def state(self) -> Any:
         """Return the environments' state."""

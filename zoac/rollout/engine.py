@@ -19,6 +19,7 @@ from zoac.rollout.controllers import Controllers
 from zoac.specs.judge import Judge
 
 if TYPE_CHECKING:
+    from zoac.envs.base import Watch
     from zoac.rollout.task import Task
 
 
@@ -40,16 +41,25 @@ class RolloutEngine:
     however environments are divided among engines and processes.
     """
 
-    def __init__(self, task: Task, env_indices: Sequence[int], seeds: Sequence[int]) -> None:
+    def __init__(
+        self,
+        task: Task,
+        env_indices: Sequence[int],
+        seeds: Sequence[int],
+        watch: Watch | None = None,
+    ) -> None:
         """
         Args:
             task: Gives environment, controller and parameter space.
             env_indices: The indices of this engine's environments, as proposals name them.
             seeds: One for each environment's random stream.
+            watch: See `VecEnv.watch`.
         """
         self.n = len(env_indices)
         self._space = task.space
         self._env = task.make_env(self.n)
+        if watch is not None:
+            self._env.watch(watch)
         self._row_of = {env_index: row for row, env_index in enumerate(env_indices)}
         self._env_indices, self._seeds = tuple(env_indices), tuple(seeds)
         self._first_seeds: list[int | None] = list(seeds)

@@ -41,6 +41,8 @@ class Task(ABC):
     """Cost of a step that fails, which ends its episode: the controller raises, or acts with what
     is not finite or of the wrong shape; or the environment raises, or returns an observation or a
     cost that is not finite. None: such a step ends the run, with a message."""
+    step_timeout: float | None = None
+    """Seconds after which a step or reset of an environment is ended and counts as failed."""
     objective: str = ""
     """Which signal is minimised, where the first line of a run is to say it."""
     baseline: Mapping[str, Any] | None = None
