@@ -6,6 +6,7 @@ import time
 
 import gymnasium
 import numpy as np
+import pandas as pd
 import pytest
 from gymnasium.spaces import Box
 
@@ -69,7 +70,7 @@ def test_a_run_is_the_same_as_with_steps_that_raise(env):
     assert found.record["failures"] == expected.record["failures"]
     assert found.parameters == expected.parameters
     assert found.cost_per_episode == expected.cost_per_episode
-    assert found.history["cost_mean"].tolist() == expected.history["cost_mean"].tolist()
+    pd.testing.assert_series_equal(found.history["cost_mean"], expected.history["cost_mean"])
     assert "step did not return within step_timeout=2 s" in found.record["first_failure"]
 
 
