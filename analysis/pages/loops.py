@@ -30,10 +30,10 @@ MAX_VIEW = 3.0
 
 
 def recorded(run: Run) -> str:
-    """Return the signals of the first final episode, before and after; nothing without a record."""
+    """Return the signals of a final episode, before and after; nothing without a record."""
     if not (run.folder / schema.RESPONSES).is_file():
         return ""
-    table = responses.first_loop(responses.read(run.folder))
+    table = responses.one_loop(responses.read(run.folder), run.outcome)
     signals, specs = run.identity.get("signals", {}), run.outcome.get("specs", [])
     units = signals.get("units", {})
     references = guides.references(specs)
@@ -46,7 +46,7 @@ def recorded(run: Run) -> str:
         handles, labels = axes.get_legend_handles_labels()
         style.legend_above(figure, dict(zip(labels, handles, strict=True)), columns=4)
         pictures.append(html.picture(figure, f"{run.folder} signal {name}", f"{name} over time"))
-    note = "The first final evaluation episode."
+    note = f"{responses.title(run.outcome)}."
     if len(set(table["parameters"])) > 1:
         note += " Before: with the baseline values."
     return html.gallery(pictures) + html.paragraph(note, "muted")
@@ -59,7 +59,7 @@ def step_information(run: Run) -> str:
     signals, specs = run.identity.get("signals", {}), run.outcome.get("specs", [])
     if not signals.get("sample_time"):
         return ""
-    table = responses.first_loop(responses.read(run.folder))
+    table = responses.one_loop(responses.read(run.folder), run.outcome)
     tables = []
     for name, reference in guides.references(specs).items():
         windows = [r["window"] for r in specs if r["signals"] == [name, reference] and r["window"]]
@@ -71,7 +71,7 @@ def step_information(run: Run) -> str:
         if "tuned" in shown:
             unit = signals.get("units", {}).get(name, "")
             tables.append(_step_table(name, reference, unit, shown))
-    note = html.paragraph("In the first final evaluation episode, shown above.", "muted")
+    note = html.paragraph("In the final evaluation episode that is shown above.", "muted")
     return "".join([*tables, note]) if tables else ""
 
 

@@ -1,5 +1,7 @@
 """Signals over seconds: the exported table, the figure before and after, and traces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,9 +9,12 @@ import pytest
 import zoac
 from tests.specs.loops_to_tune import SIGNALS, FirstOrder, proportional, tuned
 from zoac.core.errors import RunFolderError
-from zoac.core.segments import Proposal
+from zoac.core.segments import Proposal, Segment
 from zoac.rollout.engine import RolloutEngine
 from zoac.runs import responses
+from zoac.specs import responses as figures
+from zoac.specs.signals import Signal
+from zoac.specs.verdict import Deciding, deciding
 from zoac.tasks.user_task import user_task
 
 SPECS = [
@@ -92,8 +97,71 @@ def test_traces_have_names_units_seconds_reference_and_limits():
     assert (u.reference, u.limits) == (None, (6.0,))
 
 
-def test_of_loops_side_by_side_the_first_is_drawn():
+def test_the_figure_shows_the_episode_that_decides_and_says_so(result):
+    shown = result.record["shown"]
+    assert shown["of"] == 4
+    title = result.plot().axes[0].get_title()
+    assert title == f"Final episode {shown['episode'] + 1} of 4, the worst for {shown['spec']}"
+
+
+class Drifting(FirstOrder):
+    """The same with an offset of the output that each episode draws."""
+
+    def reset(self, *, seed=None, options=None):
+        observation, info = super().reset(seed=seed)
+        self.offset = self.np_random.uniform(0.0, 0.1)
+        return observation, info
+
+    def step(self, action):
+        observation, *rest = super().step(action)
+        return observation + self.offset, *rest
+
+
+@pytest.mark.parametrize("over", ["worst", "mean"])
+def test_the_worst_episode_is_drawn_of_a_spec_of_the_worst(over):
+    error = zoac.specs.steady_state_error("y", "r", max=0.25, over=over)
+    found = tuned(env=Drifting, specs=[error], budget=400, final_episodes=8)
+    table = found.responses
+    part = table[table["parameters"] == "tuned"]
+    (row,) = found.specs[found.specs["limit"] != ""].to_dict("records")
+    drawn = figures.steady_state_error(part["time"], part["y"].to_numpy(), 1.0)
+    if over == "worst":
+        assert drawn == pytest.approx(row["value"])
+        assert found.record["shown"]["spec"] == row["spec"]
+    else:
+        assert found.record["shown"] == {"episode": 0, "of": 8, "loop": 0, "spec": None}
+        assert found.plot().axes[0].get_title() == "Final episode 1 of 8"
+
+
+def segment_of(*values):
+    """Return an episode in which specs had these values."""
+    zeros = np.zeros((3, 1))
+    return Segment(
+        Proposal(np.zeros(1), 0), zeros, zeros[1:], zeros[1:], np.zeros(2), False, True, True,
+        spec_values=values,
+    )  # fmt: skip
+
+
+def test_of_several_specs_the_one_with_the_least_reserve_decides():
+    specs = [zoac.specs.peak("y", max=10.0), zoac.specs.rms("y", min=1.0)]
+    episodes = [segment_of(9.0, 1.5), segment_of(5.0, 1.05), segment_of(2.0, 3.0)]
+    signals = {"y": zoac.observation(0)}
+    assert deciding(episodes, specs, signals, 0.1) == Deciding(1, specs[1])
+    ended_early = replace(episodes[2], spec_values=None)
+    assert deciding([*episodes, ended_early], specs, signals, 0.1) == Deciding(3, specs[0])
+
+
+def test_of_loops_side_by_side_the_worst_decides():
+    y = np.array([[0.0, 0.0], [0.5, 2.0], [0.5, 1.0]])
+    spec = zoac.specs.peak("y", max=3.0)
+    signals = {"y": Signal("both", lambda segment: y)}
+    assert deciding([segment_of(2.0)], [spec], signals, 0.1).loop == 1
+
+
+def test_of_loops_side_by_side_one_is_drawn():
     columns = ["parameters", "time", "y 1", "y 2", "y 10", "speed 1", "u 1", "u 2"]
     table = pd.DataFrame([range(len(columns))], columns=columns)
-    assert list(responses.first_loop(table).columns) == ["parameters", "time", "y", "speed 1", "u"]
-    assert responses.first_loop(table)["u"][0] == 6
+    first = responses.one_loop(table, {})
+    assert list(first.columns) == ["parameters", "time", "y", "speed 1", "u"]
+    assert first["u"][0] == 6
+    assert responses.one_loop(table, {"shown": {"loop": 1}})["u"][0] == 7

@@ -1,6 +1,6 @@
-"""`responses.csv`: the signals of the first final episode, with the baseline values and the answer;
-and their figure.
+"""`responses.csv`: the signals of a final episode, with the baseline values and the answer.
 
+The episode is that which `zoac.specs.verdict.deciding` names; `shown` in `result.json` says which.
 One row a sample: `parameters` ("baseline" or "tuned"), `time`, and a column per signal. Of m loops
 side by side a signal has m columns, `y 1` to `y m`.
 """
@@ -86,18 +86,38 @@ def read(folder: Path) -> pd.DataFrame:
     return table
 
 
-def first_loop(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the table with the first of several loops side by side only, under the plain name."""
+def one_loop(table: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFrame:
+    """Return the table with one of several loops side by side only, under the plain name.
+
+    Args:
+        table: From `read`.
+        record: The content of `result.json`, which says which loop decides.
+    """
     columns = list(table.columns)
-    first = {c: c[:-2] for c in columns if c.endswith(" 1") and f"{c[:-2]} 2" in columns}
-    others = [c for c in columns if c.rpartition(" ")[0] in first.values() and c not in first]
-    return table.drop(columns=others).rename(columns=first)
+    several = [c[:-2] for c in columns if c.endswith(" 1") and f"{c[:-2]} 2" in columns]
+    number = record.get("shown", {}).get("loop", 0) + 1
+    chosen = {f"{name} {number}": name for name in several}
+    others = [c for c in columns if c.rpartition(" ")[0] in several and c not in chosen]
+    return table.drop(columns=others).rename(columns=chosen)
+
+
+def title(record: Mapping[str, Any]) -> str:
+    """Return which episode the table holds, for people to read.
+
+    Args:
+        record: The content of `result.json`.
+    """
+    if "shown" not in record:  # written by an earlier version
+        return "The first final episode"
+    shown = record["shown"]
+    decides = f", the worst for {shown['spec']}" if shown["spec"] else ""
+    return f"Final episode {shown['episode'] + 1} of {shown['of']}{decides}"
 
 
 def plot(folder: Path, record: Mapping[str, Any]) -> Figure:
     """Return a figure with axes for each signal that is not the reference of another.
 
-    Of loops side by side the first is shown.
+    Its title says which final episode is shown. Of loops side by side the worst is.
 
     Args:
         folder: The run folder.
@@ -108,7 +128,8 @@ def plot(folder: Path, record: Mapping[str, Any]) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    table, signals = first_loop(read(folder)), schema.read_run(folder).get("signals", {})
+    table = one_loop(read(folder), record)
+    signals = schema.read_run(folder).get("signals", {})
     specs = record.get("specs", [])
     named = guides.references(specs)
     shown = [name for name in table.columns[2:] if name not in named.values()]
@@ -119,6 +140,7 @@ def plot(folder: Path, record: Mapping[str, Any]) -> Figure:
         draw(axes, table, name, specs)
         unit = signals.get("units", {}).get(name, "")
         axes.set_ylabel(f"{name} [{unit}]" if unit else name)
+    panels[0].set_title(title(record), fontsize="medium")
     panels[-1].set_xlabel("Time [s]" if signals.get("sample_time") else "Step")
     handles: dict[str, Any] = {}
     for axes in panels:

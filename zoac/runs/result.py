@@ -89,7 +89,10 @@ class Result:
 
     @property
     def responses(self) -> pd.DataFrame:
-        """The signals of the first final episode, with the baseline values and the answer.
+        """The signals of a final episode, with the baseline values and the answer.
+
+        The episode is the one that decides: the worst one for a spec `over="worst"`, of several
+        specs for that which has the least reserve. Without such specs it is the first.
 
         Returns:
             Columns `parameters` ("baseline" or "tuned"), `time` [s] and one per signal.

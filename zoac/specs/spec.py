@@ -168,20 +168,25 @@ class Spec:
             value = graded if math.isfinite(graded) else value
         return _graded(self.excess(value))
 
-    def _over_loops(self, figure: Callable[..., float], episode: Episode) -> float:
-        """Return a figure of an episode; of the loops side by side the worst, or the mean."""
+    def of_loops(self, episode: Episode, figure: Callable[..., float] | None = None) -> list[float]:
+        """Return the figure of each of the loops side by side; of one loop a single number.
+
+        Args:
+            episode: The signals.
+            figure: Another one in the place of this spec's.
+        """
         episode = episode.within(self.window)
         samples = [episode[name] for name in self.signals]
-        count = max(s.shape[1] if s.ndim > 1 else 0 for s in samples)
-        if not count:
-            return self._number(figure(episode.time, *samples, **self.options))
-        values = [
-            self._number(
-                figure(episode.time, *(s if s.ndim == 1 else s[:, j] for s in samples),
-                       **self.options)
-            )
-            for j in range(count)
-        ]  # fmt: skip
+        count = max(s.shape[1] if s.ndim > 1 else 1 for s in samples)
+        columns = [[s if s.ndim == 1 else s[:, j] for s in samples] for j in range(count)]
+        of = figure or self.figure
+        return [self._number(of(episode.time, *column, **self.options)) for column in columns]
+
+    def _over_loops(self, figure: Callable[..., float], episode: Episode) -> float:
+        """Return a figure of an episode; of the loops side by side the worst, or the mean."""
+        values = self.of_loops(episode, figure)
+        if len(values) == 1:
+            return values[0]
         return self._most_binding(values) if self.hard else float(np.mean(values))
 
     def of_parameters(self, parameters: Mapping[str, Any]) -> float:
@@ -238,11 +243,14 @@ class Spec:
 
         A limit of 0 counts as 1; a value without bound breaks a limit by `NEVER`.
         """
-        over = max(
+        return min(NEVER, max(0.0, self.beyond_limit(value)))
+
+    def beyond_limit(self, value: float) -> float:
+        """Return `excess` with its sign: below 0 as far as `value` is from the limit."""
+        return max(
             -math.inf if self.max is None else (value - self.max) / (abs(self.max) or 1.0),
             -math.inf if self.min is None else (self.min - value) / (abs(self.min) or 1.0),
         )
-        return min(NEVER, max(0.0, over))
 
     def met(self, value: float) -> bool | None:
         """Return whether a value keeps the limit; None without one."""

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from zoac.core.segments import Segment
 from zoac.specs import guides
+from zoac.specs.signals import Episode, Signal
 from zoac.specs.spec import Spec
 
 COLUMNS = ("spec", "limit", "baseline", "value", "met")
@@ -27,6 +30,48 @@ def over_episodes(segments: Sequence[Segment], specs: Sequence[Spec]) -> dict[st
         broken = sum(spec.excess(v) > 0 for v in values)
         found[spec.label] = {"value": value, "met": spec.met(value), "broken": broken}
     return found
+
+
+class Deciding(NamedTuple):
+    """The final episode that decides whether the specs are met, for figures.
+
+    Args:
+        episode: Its number, from 0.
+        spec: The spec that it comes nearest to breaking, or breaks by most; None: no spec decides
+            by its worst episode, and this is the first one.
+        loop: Of loops side by side the one that decides, from 0.
+    """
+
+    episode: int
+    spec: Spec | None
+    loop: int = 0
+
+
+def deciding(
+    segments: Sequence[Segment], specs: Sequence[Spec], signals: Mapping[str, Signal],
+    sample_time: float,
+) -> Deciding:  # fmt: skip
+    """Return which of whole episodes decides: the worst one for a spec `over="worst"`.
+
+    Args:
+        segments: The episodes.
+        specs: Of the task.
+        signals: By name.
+        sample_time: Seconds of a step.
+    """
+    found, furthest = Deciding(0, None), -math.inf
+    for j, spec in enumerate(specs):
+        if not spec.hard or spec.of_loop or spec.over == "mean":
+            continue
+        for k, segment in enumerate(segments):
+            value = segment.spec_values[j] if segment.spec_values else spec.worst
+            if (beyond := spec.beyond_limit(value)) > furthest:
+                found, furthest = Deciding(k, spec), beyond
+    if found.spec is None or not segments[found.episode].spec_values:
+        return found
+    episode = Episode.of(segments[found.episode], signals, sample_time)
+    of_loops = map(found.spec.beyond_limit, found.spec.of_loops(episode))
+    return found._replace(loop=int(np.argmax(list(of_loops))))
 
 
 def rows(

@@ -16,6 +16,7 @@ from zoac.executors.base import Executor
 from zoac.rollout.evaluation import evaluation_proposals, evaluation_row
 from zoac.rollout.task import Task
 from zoac.specs.signals import Episode
+from zoac.specs.verdict import deciding
 from zoac.training.progress import Progress
 
 
@@ -36,7 +37,7 @@ class Evaluator:
         self._task, self._tuner, self._executor = task, tuner, executor
         self._settings, self._progress = settings, progress
         self._last_finite = np.zeros(task.space.dimension)  # recommendation
-        self._responses: dict[str, Segment] = {}  # first final episodes
+        self._responses: dict[str, list[Segment]] = {}  # final episodes
 
     def recommendation(self) -> np.ndarray:
         """Return the tuner's recommendation (d,), or its last one whose every number was finite."""
@@ -57,7 +58,7 @@ class Evaluator:
         segments = self._rollout(x, settings.final_episodes if final else settings.episodes)
         row = self._row(segments, self._task.metrics)
         if final:
-            self._responses["tuned"] = segments[0]
+            self._responses["tuned"] = segments
         row |= self._progress.account(segments)
         return {**row, "parameters": self._task.space.named(x), "x": x.tolist(), "final": final}
 
@@ -68,17 +69,24 @@ class Evaluator:
         x = self._task.space.normalise(self._task.baseline)
         segments = self._rollout(x, self._settings.final_episodes)
         row = self._row(segments)
-        self._responses["baseline"] = segments[0]
+        self._responses["baseline"] = segments
         return {"baseline_cost_mean": row["cost_mean"], "baseline": row}
 
-    def responses(self) -> dict[str, Episode]:
-        """Return the first final episode with the baseline and the answer, for named signals."""
-        sample_time = self._task.sample_time or 1.0
-        return {
-            which: Episode.of(self._responses[which], self._task.signals, sample_time)
-            for which in ("baseline", "tuned")
-            if which in self._responses
+    def responses(self) -> tuple[dict[str, Episode], dict[str, Any]]:
+        """Return the final episode that decides, with the baseline and the answer; and which it is.
+
+        Only for tasks with named signals.
+        """
+        task, sample_time = self._task, self._task.sample_time or 1.0
+        segments = self._responses["tuned"]
+        which, spec, loop = deciding(segments, task.specs, task.signals, sample_time)
+        episodes: dict[str, Episode] = {
+            name: Episode.of(self._responses[name][which], task.signals, sample_time)
+            for name in ("baseline", "tuned")
+            if name in self._responses
         }
+        told = {"episode": which, "of": len(segments), "loop": loop}
+        return episodes, {"shown": {**told, "spec": None if spec is None else str(spec)}}
 
     def state(self) -> np.ndarray:
         """Return the last finite recommendation (d,)."""

@@ -158,8 +158,10 @@ class Trainer:
         del final["final"]
         final.pop("first_failure", None)
         start = self._evaluator.evaluate_baseline()
+        shown: dict[str, Any] = {}
         if self._task.signals:
-            self._log.responses(self._evaluator.responses())
+            episodes, shown = self._evaluator.responses()
+            self._log.responses(episodes)
         progress.advance(self._executor.worker_seconds)
         result = {
             "env_steps": progress.env_steps,
@@ -171,6 +173,7 @@ class Trainer:
             "failures": progress.failures,
             "first_failure": progress.first_failure,
             **start,
+            **shown,
             **self._verdict(final, start.get("baseline", {})),
             **self._tuner.outcome(),
         }
