@@ -12,7 +12,7 @@ from typing import Any
 
 from zoac.config import factory
 from zoac.config.auto_tuner import tuner_for
-from zoac.config.files import configuration
+from zoac.config.files import AUTO, configuration
 from zoac.config.settings import Evaluation, Settings, whole_numbers
 from zoac.core.errors import ConfigError, Interrupted, suggest
 from zoac.core.measures import Constraint, Metric
@@ -46,7 +46,7 @@ def tune(
     env: EnvSource | None = None,
     controller: Any = None,
     space: ParameterSpace | Mapping[str, Any] | None = None,
-    tuner: str = "auto",
+    tuner: str = AUTO,
     budget: int = 50_000,
     seed: int = 0,
     baseline: Mapping[str, Any] | None = None,
@@ -158,9 +158,9 @@ def tune(
         raise ConfigError(f"resume={resume!r}; {suggest(resume, RESUME)}")
     of_user = {"env": env, "controller": controller, "space": space}
     the_task = given_task(task, of_user, of_task)
-    if tuner == "auto":
-        tuner, more = tuner_for(the_task, budget)
-        settings = {**more, **settings}
+    chosen = tuner_for(the_task, budget) if tuner == AUTO else None
+    if chosen is not None:
+        tuner, settings = chosen.tuner, {**chosen.settings, **settings}
     config = configuration(
         task=task if isinstance(task, str) else None,
         tuner=tuner,
@@ -201,6 +201,7 @@ def tune(
         identity={"task": name_of(task, env), "tuner": tuner, "seed": checked.seed},
         config=identified,
         doubts=doubts,
+        chosen=chosen,
         command=sys.argv,
         task=the_task,
         tuner=factory.build_tuner(config["tuner"], the_task, checked),

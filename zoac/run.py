@@ -127,7 +127,8 @@ def _run(config: DictConfig, again: bool = False) -> None:
     from zoac.training.lifecycle import run_session
 
     choices = job.runtime.choices
-    run_session(plain, task=choices["task"], tuner=choices["tuner"], command=sys.argv)
+    names = {group: choices[group] for group in ("task", "tuner", "fidelity")}
+    run_session(plain, command=sys.argv, **names)
 
 
 def multirun_first(arguments: Sequence[str]) -> list[str]:

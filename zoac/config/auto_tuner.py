@@ -1,9 +1,16 @@
-"""Which tuner `tuner="auto"` stands for; `docs/tune_pid.md` has the measurements."""
+"""Which tuner "auto" stands for, in Python and on the command line.
+
+`docs/which_tuner.md` has the rule and its measurements.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
+from zoac.config.files import AUTO, configuration
+from zoac.core.errors import ConfigError, option_names
 from zoac.core.types import is_number
 from zoac.rollout.task import Task
 
@@ -14,8 +21,27 @@ MIN_EPISODES = 100
 """Fewer end before CMA-ES has learned a covariance."""
 
 
-def tuner_for(task: Task, budget: float) -> tuple[str, dict[str, Any]]:
-    """Return the name of a tuner's config, and settings that go with it.
+@dataclass(frozen=True)
+class Choice:
+    """A tuner that the rule has chosen.
+
+    Args:
+        tuner: Name of its config.
+        because: What decided, for people to read.
+        settings: Of the run, that go with it.
+    """
+
+    tuner: str
+    because: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        more = " with common random numbers" if self.settings else ""
+        return f"{self.tuner}{more}, for {self.because}"
+
+
+def tuner_for(task: Task, budget: float) -> Choice:
+    """Return the tuner that "auto" stands for.
 
     Specs are judged over whole episodes, so CMA-ES tunes what has some, for a single parameter
     differential evolution. It also tunes a few gains with a budget for many episodes, compared on
@@ -26,9 +52,37 @@ def tuner_for(task: Task, budget: float) -> tuple[str, dict[str, Any]]:
         budget: Environment steps.
     """
     dimension = task.space.dimension
+    size = f"{dimension} parameter{'s' if dimension > 1 else ''}"
     if task.specs:
-        return "cmaes_full" if dimension > 1 else "nevergrad", {}
-    unfit = not 1 < dimension <= MAX_COORDINATES or not is_number(budget)
-    if unfit or budget < MIN_EPISODES * task.horizon.steps:
-        return "zoac", {}
-    return "cmaes_full", {"common_random_numbers": True}
+        return Choice("cmaes_full" if dimension > 1 else "nevergrad", f"specs and {size}")
+    episodes = int(budget // task.horizon.steps) if is_number(budget) else 0
+    because = f"{size} and {episodes:,} episodes"
+    if 1 < dimension <= MAX_COORDINATES and episodes >= MIN_EPISODES:
+        return Choice("cmaes_full", because, {"common_random_numbers": True})
+    return Choice("zoac", because)
+
+
+def settled(
+    config: Mapping[str, Any], task: Task, chosen: Mapping[str, str]
+) -> tuple[dict[str, Any], Choice | None]:
+    """Return a configuration with the tuner that "auto" stands for; and the choice, if it was one.
+
+    Args:
+        config: Resolved, of the command line.
+        task: Its task.
+        chosen: Names of the groups' choices, such as {"task": "pid_acc", "tuner": "auto"}.
+
+    Raises:
+        ConfigError: If the configuration has options for a tuner that is yet to be chosen.
+    """
+    if chosen["tuner"] != AUTO:
+        return dict(config), None
+    if options := option_names(config["tuner"]):
+        raise ConfigError(
+            f"tuner.{options[0]}: tuner={AUTO} has no options; name the tuner that has this one"
+        )
+    choice = tuner_for(task, config["budget"])
+    known = {group: chosen[group] for group in ("task", "fidelity") if group in chosen}
+    node = configuration(**known, tuner=choice.tuner)["tuner"]
+    unset = {name: value for name, value in choice.settings.items() if config[name] is None}
+    return {**config, "tuner": node, **unset}, choice

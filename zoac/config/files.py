@@ -19,6 +19,9 @@ from zoac.core.errors import ConfigError, suggest
 
 CONFIG_MODULE = "zoac.conf"
 
+AUTO = "auto"
+"""The tuner without a file: a rule chooses it by the task, see `zoac.config.auto_tuner`."""
+
 NOT_OF_A_RUN = ("logger", "launcher", "method", "experiment")
 """Groups that say where a command line's jobs run and what they log."""
 

@@ -11,6 +11,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING
 
+from zoac.config.files import AUTO
 from zoac.config.settings import Evaluation, Settings
 from zoac.core.errors import ConfigError, suggest
 
@@ -64,6 +65,7 @@ RunSchema = make_dataclass(
 
 
 ConfigStore.instance().store(group="zoac", name="run_schema", node=RunSchema)
+ConfigStore.instance().store(group="tuner", name=AUTO, node={})
 
 
 def check_keys(given: Any, schema: type, prefix: str) -> None:

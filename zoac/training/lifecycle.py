@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from zoac.config import factory
+from zoac.config.auto_tuner import Choice, settled
+from zoac.config.files import AUTO
 from zoac.config.settings import Settings
 from zoac.core.errors import Interrupted, RunFolderError
 from zoac.core.tuner import Tuner
@@ -41,6 +43,7 @@ class Run:
         settings: Seed, budget and evaluation.
         loggers: Where rows go beside the run folder.
         quiet: Do not say that the run is done already.
+        chosen: What "auto" stands for, and why, if the tuner was left open.
         doubts: What `config` cannot tell of the task, one sentence each; see
             `zoac.training.identity.with_code`.
     """
@@ -55,10 +58,15 @@ class Run:
     loggers: Sequence[Logger]
     quiet: bool = False
     doubts: Sequence[str] = ()
+    chosen: Choice | None = None
 
 
 def run_session(
-    config: Mapping[str, Any], task: str, tuner: str, command: Sequence[str]
+    config: Mapping[str, Any],
+    task: str,
+    tuner: str,
+    command: Sequence[str],
+    fidelity: str = "paper",
 ) -> dict[str, Any]:
     """Tune as configured, or go on with or return what is there already.
 
@@ -67,6 +75,7 @@ def run_session(
         task: Name of the task, for the run's identity.
         tuner: Name of the tuner, likewise.
         command: What was typed, for the record.
+        fidelity: Name of that choice, for the options of a tuner that is yet to be chosen.
 
     Returns:
         The content of `result.json`.
@@ -75,9 +84,11 @@ def run_session(
         ConfigError: If the configuration cannot be used.
         RunFolderError: If the folder holds another run, is damaged or in use.
     """
+    the_task = factory.build_task(config)
+    groups = {"task": task, "tuner": tuner, "fidelity": fidelity}
+    config, chosen = settled(config, the_task, groups)
     settings = factory.build_settings(config)
     folder = run_folder.of(config, task, tuner)
-    the_task = factory.build_task(config)
     identified, doubts = with_code(config, the_task)
     run = Run(
         identity={"task": task, "tuner": tuner, "seed": config["seed"]},
@@ -92,6 +103,7 @@ def run_session(
             *factory.build_loggers(config),
             Console(settings.budget, folder, job=lifeline.is_job()),
         ],
+        chosen=chosen,
     )
     return execute(run, folder)
 
@@ -219,6 +231,7 @@ def _run_record(run: Run) -> dict[str, Any]:
         "objective": run.task.objective,
         "episodes": run.task.horizon.remark,
         "tuner_choices": {
+            **({AUTO: str(run.chosen)} if run.chosen else {}),
             **run.tuner.describe(),
             **factory.baseline_use(run.config["tuner"], run.task, run.settings),
         },
