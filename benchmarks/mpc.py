@@ -26,9 +26,10 @@ import numpy as np
 
 from tests.mpc_tracking.oracle import NonlinearMpc
 from zoac.core.seeding import stream
-from zoac.mpc.formulation import Layout, build_problem, write_parameters
+from zoac.mpc.formulation import Layout, build_problem
 from zoac.mpc.problem import LinearisedProblem, Solution
 from zoac.mpc.solvers.clarabel_qp import _STEP_FRACTIONS, ClarabelSolver
+from zoac.mpc.solvers.parameters import write_parameters
 from zoac.mpc.solvers.riccati import Riccati
 from zoac.mpc.solvers.scaling import units
 from zoac.mpc.sqp import MpcOptions

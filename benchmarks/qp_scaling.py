@@ -25,8 +25,7 @@ from benchmarks.figures import FIGURES, pyplot, save
 from benchmarks.qp_solvers import LANES, closed_loop_problems
 from benchmarks.qp_ways import PEERS, RICCATI, Way, cpu_seconds, installed
 from tests.mpc.problems import dense_problems
-from zoac.mpc.problem import LinearisedProblem
-from zoac.mpc.sqp import _PER_ENV, _take
+from zoac.mpc.problem import PER_ENV, LinearisedProblem
 
 HORIZONS = (10, 25, 50, 100, 200)
 STATES = (2, 4, 6, 8, 12, 16, 24)
@@ -72,7 +71,7 @@ def grow(
 
 def merge(problems: Sequence[LinearisedProblem]) -> LinearisedProblem:
     """Return all lanes of `problems` as one problem."""
-    arrays = {name: np.concatenate([getattr(p, name) for p in problems]) for name in _PER_ENV}
+    arrays = {name: np.concatenate([getattr(p, name) for p in problems]) for name in PER_ENV}
     return replace(problems[0], **arrays)
 
 
@@ -122,7 +121,7 @@ def main() -> None:
     together = merge(closed_loop_problems(PROGRAMMES // LANES))
 
     def split(lanes: int) -> list[LinearisedProblem]:
-        return [_take(together, slice(k, k + lanes)) for k in range(0, PROGRAMMES, lanes)]
+        return [together.take(slice(k, k + lanes)) for k in range(0, PROGRAMMES, lanes)]
 
     def measure(
         what: str,

@@ -45,6 +45,7 @@ from zoac.tasks import register  # noqa: E402 (found through the line above)
 register()
 
 if TYPE_CHECKING:
+    from zoac import mpc as mpc
     from zoac import specs as specs
     from zoac.api import make_task as make_task
     from zoac.api import tune as tune
@@ -72,15 +73,15 @@ _HOMES = {
     "tune_pid": "pid_tuning",
 }
 __all__ = [
-    "Interrupted", "Result", "Study", "action", "info", "load_result", "make_task", "observation",
-    "program", "specs", "tune", "tune_pid",
+    "Interrupted", "Result", "Study", "action", "info", "load_result", "make_task", "mpc",
+    "observation", "program", "specs", "tune", "tune_pid",
 ]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
     # Imported on first use: the command line must answer --help without loading everything.
-    if name == "specs":
-        return import_module("zoac.specs")
+    if name in ("mpc", "specs"):
+        return import_module(f"zoac.{name}")
     if name in __all__:
         return getattr(import_module(f"zoac.{_HOMES[name]}"), name)
     raise AttributeError(f"module 'zoac' has no attribute {name!r}")

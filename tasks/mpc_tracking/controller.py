@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
 from zoac.core.controller import Diagnostics, Memory, Parameters
-from zoac.core.errors import ControllerError
+from zoac.core.errors import ConfigError, ControllerError, suggest
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.mpc.compiled import compiled
-from zoac.mpc.problem import Solver
-from zoac.mpc.sqp import MpcOptions, Objective, SequentialQp
+from zoac.mpc.problem import PENALTY, Solver, StateBounds
+from zoac.mpc.sqp import MpcOptions, Objective, SequentialQp, check_solver
 from zoac.tasks.mpc_tracking.path import SPEED
 from zoac.tasks.mpc_tracking.vehicle import INPUTS, STATES, TRUE_PARAMETERS, BicycleModel
 
@@ -72,6 +74,9 @@ class TrackingMpc:
             options: How it plans.
             weights: Each of the 13 weights its own (the paper), or `aliased` as in the authors'
                 code (`TERMINAL_READ`).
+
+        Raises:
+            ConfigError: If a bound names no state, or the solver takes no bounds on states.
         """
         self._options = options = options or MpcOptions()
         self._model = BicycleModel()
@@ -83,6 +88,10 @@ class TrackingMpc:
         inputs = [SPACE.names.index(name) for name in _INPUT]
         self._columns = (np.array(stage), np.array(terminal), np.array(inputs))
         self._discounts = DISCOUNT ** np.arange(horizon + 1)
+        self._low = _by_state("state_low", options.state_low, -np.inf)
+        self._high = _by_state("state_high", options.state_high, np.inf)
+        self._bounded = bool(np.isfinite((self._low, self._high)).any())
+        check_solver(solver, "task.mpc.state_low and state_high" * self._bounded)
 
     def init(self, n: int) -> Memory:
         """Return {} or, with `initial_guess: shifted`, {"plan": (n, N_p, 2)}."""
@@ -147,7 +156,27 @@ class TrackingMpc:
             objective.state_weights,
             objective.input_weights,
         )
-        return objective
+        if not self._bounded:
+            return objective
+        return replace(objective, bounds=self._state_bounds(values[:, self._columns[0]]))
+
+    def _state_bounds(self, weights: np.ndarray) -> StateBounds:
+        """Return the bounds on the states of n environments, given their stage weights (n, 6)."""
+        options, ones = self._options, np.ones((len(weights), 6))
+        price = options.state_penalty
+        penalty = ones * (PENALTY * weights.max(axis=1)[:, None] if price is None else price)
+        penalty = np.full_like(ones, np.inf) if options.state_bounds == "hard" else penalty
+        return StateBounds(ones * self._low, ones * self._high, penalty)
+
+
+def _by_state(option: str, given: Mapping[str, float] | None, absent: float) -> np.ndarray:
+    """Return bounds (6,) from those given by name."""
+    bounds = np.full(len(STATES), absent)
+    for name, value in (given or {}).items():
+        if name not in STATES:
+            raise ConfigError(f"mpc.{option}: unknown state {name!r}; {suggest(name, STATES)}")
+        bounds[STATES.index(name)] = value
+    return bounds
 
 
 @compiled()

@@ -67,6 +67,7 @@ class MpcTracking(Task):
         self._weights = weights
         self._regularisation = regularisation
         self._max_episode_steps = max_episode_steps
+        self.make_controller()  # says what is wrong with the options
 
     def make_env(self, n: int) -> MpcTrackingVecEnv:
         """Return `n` vehicles; their observations show as far ahead as the MPC looks."""

@@ -130,6 +130,9 @@ def _advance_envs(
 class BicycleModel:
     """The predictive model of n environments, each with its own parameters theta."""
 
+    states = STATES
+    inputs = INPUTS
+    parameters = dict(zip(("I_z", "k_f", "k_r", "l_f", "l_r", "m"), TRUE_PARAMETERS, strict=True))
     input_low = INPUT_LOW
     input_high = INPUT_HIGH
     sparsity = Sparsity(

@@ -9,6 +9,7 @@ import pytest
 
 from tests.mpc.problems import box_points, dense_problems, objective, tracking_problems
 from tests.riccati.problems import cart_poles, quadrotors
+from zoac.mpc.attempt import Attempt
 from zoac.mpc.problem import LinearisedProblem, Status
 from zoac.mpc.solvers import clarabel_qp
 from zoac.mpc.solvers.certificate import is_optimal
@@ -16,7 +17,6 @@ from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.cvxpy_qp import CvxpySolver
 from zoac.mpc.solvers.riccati import Riccati
 from zoac.mpc.solvers.scaling import units
-from zoac.mpc.sqp import _Attempt
 
 SOLVERS = [ClarabelSolver, CvxpySolver, Riccati]
 
@@ -81,7 +81,7 @@ def test_mixed_units_do_not_change_the_cost(problem, exponent: int, bounds: str)
         no = np.full(nu, np.inf)
         problem = replace(problem, input_low=-no, input_high=no)
     x, u = (10.0 ** rng.uniform(-exponent, exponent, size) for size in (nx, nu))
-    answer = _Attempt(ClarabelSolver(), in_units(problem, x, u, 10.0**-exponent))
+    answer = Attempt(ClarabelSolver(), in_units(problem, x, u, 10.0**-exponent))
     np.testing.assert_array_equal(answer.status, Status.SOLVED)
     least = objective(problem, Riccati().solve(problem).inputs)
     np.testing.assert_allclose(objective(problem, answer.inputs / u), least, rtol=1e-6)
@@ -136,7 +136,7 @@ def test_a_plan_that_is_not_a_number_is_not_proven() -> None:
 @pytest.mark.parametrize("solver", [ClarabelSolver, CvxpySolver])
 def test_a_plan_without_proof_is_not_said_to_be_solved(solver) -> None:
     """So coarse a tolerance lets the library stop far from the optimum and call it solved."""
-    answer = _Attempt(solver(tolerance=0.5), tracking_problems(box_points(10, 5), 5))
+    answer = Attempt(solver(tolerance=0.5), tracking_problems(box_points(10, 5), 5))
     assert answer.retried.any()
     assert (answer.status == Status.INACCURATE).any()
 
@@ -148,7 +148,7 @@ def test_a_bad_fast_solve_leads_to_a_robust_one(monkeypatch) -> None:
     monkeypatch.setattr(
         clarabel_qp, "units", lambda p, always: units(p, always) if always else units(plain)
     )
-    answer = _Attempt(ClarabelSolver(), problem)
+    answer = Attempt(ClarabelSolver(), problem)
     assert answer.retried.tolist() == [True]
     assert answer.status == [Status.SOLVED]
     np.testing.assert_allclose(answer.inputs, Riccati().solve(plain).inputs, atol=1e-6)

@@ -20,7 +20,6 @@ from zoac.mpc.problem import Solver, Status
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.cvxpy_qp import CvxpySolver
 from zoac.mpc.solvers.riccati import Riccati
-from zoac.mpc.sqp import _take
 from zoac.tasks.mpc_tracking.controller import NOMINAL, SPACE
 
 SOLVERS = [ClarabelSolver, CvxpySolver]
@@ -38,7 +37,7 @@ def cvxpy() -> CvxpySolver:
 
 def rows(problem, *num_envs: int):
     mask = np.isin(np.arange(len(problem.a)), num_envs)
-    return _take(problem, mask)
+    return problem.take(mask)
 
 
 def test_the_formulation_is_dpp() -> None:

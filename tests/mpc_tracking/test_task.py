@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from zoac.core.errors import ConfigError
 from zoac.core.segments import Proposal, Segment
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
+from zoac.mpc.solvers.riccati import Riccati
 from zoac.mpc.sqp import MpcOptions
 from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.mpc_tracking import MpcTracking
@@ -98,3 +100,38 @@ def test_a_pickled_task_gives_the_same_bits(segment) -> None:
     again = rollout(task, segment.proposal.x)
     np.testing.assert_array_equal(again.actions, segment.actions)
     np.testing.assert_array_equal(again.costs, segment.costs)
+
+
+def test_a_bound_on_the_yaw_rate_is_kept_in_closed_loop() -> None:
+    largest = []
+    for bounds in ({}, {"state_low": {"omega": -0.05}, "state_high": {"omega": 0.05}}):
+        task = MpcTracking(solver=SOLVER, mpc=MpcOptions(**bounds))
+        episode = RolloutEngine(task, [0], [7]).rollout(
+            [Proposal(task.space.normalise(task.baseline), env_index=0, horizon=60)]
+        )[0]
+        assert not episode.diagnostics["solver_failed"].any()
+        largest.append(np.abs(episode.observations[10:, 5]).max())  # the start is outside
+    assert largest[0] > 0.1
+    assert largest[1] < 0.05 + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"state_low": {"w": 1.0}}, "mpc.state_low: unknown state 'w'; known: omega, phi, u, v"),
+        ({"state_bounds": "sfot"}, "mpc.state_bounds: unknown 'sfot'; did you mean 'soft'?"),
+    ],
+)
+def test_wrong_bounds_are_named(options: dict, message: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        MpcTracking(solver=SOLVER, mpc=MpcOptions(**options))
+    assert message in str(caught.value)
+
+
+def test_riccati_names_the_solver_for_bounds_on_states() -> None:
+    with pytest.raises(ConfigError) as caught:
+        MpcTracking(solver=Riccati(), mpc=MpcOptions(state_high={"v": 1.0}))
+    assert str(caught.value) == (
+        "the solver riccati takes bounds on inputs alone, not task.mpc.state_low and state_high; "
+        "use the solver clarabel"
+    )

@@ -23,7 +23,6 @@ from zoac.core.errors import ConfigError
 from zoac.mpc.problem import LinearisedProblem, Sparsity, Status
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.riccati import Riccati
-from zoac.mpc.sqp import _take
 from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH
 
 SOLVER = Riccati()
@@ -34,7 +33,7 @@ def vehicles(n: int, seed: int) -> LinearisedProblem:
 
 
 def rows(problem: LinearisedProblem, lanes: list[int]) -> LinearisedProblem:
-    return _take(problem, np.array(lanes))
+    return problem.take(np.array(lanes))
 
 
 @pytest.mark.parametrize("robust", [False, True])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -17,6 +17,7 @@ class Status(enum.IntEnum):
     ITERATION_LIMIT = 2
     NUMERICAL_FAILURE = 3
     NOT_FINITE = 4
+    INFEASIBLE = 5
 
     @property
     def sentence(self) -> str:
@@ -30,6 +31,7 @@ _SENTENCES = {
     Status.ITERATION_LIMIT: "The solver used all its iterations; raise its limit.",
     Status.NUMERICAL_FAILURE: "The solver failed numerically; the weights may be too far apart.",
     Status.NOT_FINITE: "The problem's data are not finite; the model left its valid range.",
+    Status.INFEASIBLE: "No plan keeps the hard bounds; widen them or make them soft.",
 }
 
 
@@ -48,15 +50,44 @@ class Sparsity:
     b: np.ndarray
 
 
+PENALTY = 1e4
+"""Default penalty of a soft bound on states, in terms of the largest stage weight of a state."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class StateBounds:
+    """Bounds on the states x_1 .. x_N of n environments, the same along the horizon.
+
+    Which states are bounded, on which side, and whether softly, is the same in all environments.
+
+    Args:
+        low: (n, nx); -inf: none.
+        high: (n, nx); inf: none.
+        penalty: (n, nx), cost of being beyond a bound by one unit, at each step. Such a bound is
+            soft, and kept exactly where it can be while its multiplier is below the penalty; inf:
+            the bound is hard.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    penalty: np.ndarray
+
+    def take(self, rows: np.ndarray) -> StateBounds:
+        """Return those of some environments, by mask or index."""
+        return StateBounds(self.low[rows], self.high[rows], self.penalty[rows])
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class LinearisedProblem:
     """n quadratic programmes, one for each environment, linearised about a rollout of the model.
 
     minimise    sum_{k=1..N} |x_k - reference_k|^2_{state_weights_k}
               + sum_{k=0..N-1} |u_k|^2_{input_weights_k}
+              + sum_{k=1..N} penalty (what x_k is beyond its bounds)
     subject to  x_0 = states_0,
                 x_{k+1} = states_{k+1} + a_k (x_k - states_k) + b_k (u_k - inputs_k),
                 input_low <= u_k <= input_high,
+                state_low <= x_k <= state_high, where the bounds are hard,
 
     where |e|^2_w = sum_i w_i e_i^2. Discounts are folded into the weights. All arrays are
     C-contiguous float64.
@@ -72,6 +103,7 @@ class LinearisedProblem:
         input_low: (nu,).
         input_high: (nu,).
         sparsity: Of `a` and `b`, if the model knows it; None: any entry may be nonzero.
+        bounds: On the states; None: none.
     """
 
     states: np.ndarray
@@ -84,6 +116,17 @@ class LinearisedProblem:
     input_low: np.ndarray
     input_high: np.ndarray
     sparsity: Sparsity | None = None
+    bounds: StateBounds | None = None
+
+    def take(self, rows: np.ndarray) -> LinearisedProblem:
+        """Return the problems of some environments, by mask or index."""
+        some = {name: getattr(self, name)[rows] for name in PER_ENV}
+        bounds = None if self.bounds is None else self.bounds.take(rows)
+        return replace(self, **some, bounds=bounds)
+
+
+PER_ENV = ("states", "inputs", "a", "b", "reference", "state_weights", "input_weights")
+"""Arrays of a `LinearisedProblem` that have one row for each environment."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -107,9 +150,11 @@ class Solver(Protocol):
     Attributes:
         screens: It looks for problems that are not finite itself and gives them the status
             NOT_FINITE; otherwise it is never shown one.
+        bounds_states: It takes problems with `StateBounds`.
     """
 
     screens: ClassVar[bool]
+    bounds_states: ClassVar[bool]
 
     def solve(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
         """Solve the n problems.

@@ -7,20 +7,20 @@ one environment's solver did never changes another environment's numbers.
 
 from __future__ import annotations
 
-import logging
-import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, Protocol, get_args
 
 import numpy as np
 
 from zoac.core.errors import ConfigError, suggest
-from zoac.core.types import Count
-from zoac.mpc.compiled import compiled
-from zoac.mpc.problem import LinearisedProblem, Solution, Solver, Sparsity, Status
+from zoac.core.types import Count, NonNegative
+from zoac.mpc.attempt import Attempt
+from zoac.mpc.compiled import first_use
+from zoac.mpc.problem import LinearisedProblem, Solver, Sparsity, StateBounds, Status
 from zoac.mpc.solvers.scaling import units
 
 About = Literal["zero", "shifted"]
+Softness = Literal["soft", "hard"]
 
 CONVERGED = 1e-9
 """A plan has converged when no input changes by more than this part of its range. For an input
@@ -29,10 +29,7 @@ without two bounds: of the plan's magnitude, or of what undoes the rollout's err
 MAX_LINEARISATIONS = 50
 """Limit on `linearisations: converged`."""
 
-# As plain numbers: comparing an array with a member of an enum takes five times as long.
-_SOLVED, _NOT_FINITE = int(Status.SOLVED), int(Status.NOT_FINITE)
-
-_log = logging.getLogger(__name__)
+_SOLVED = int(Status.SOLVED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +43,12 @@ class MpcOptions:
         initial_guess: What the first one is linearised about: the rollout with zero input,
             which makes the controller a function of the observation alone; or last step's plan
             shifted by one step (real-time iteration), which it then remembers.
+        state_low: Lower bounds X_min of states by name, such as {"v": -0.5}; None: none.
+        state_high: Upper bounds X_max, likewise.
+        state_bounds: "soft": a state may be beyond them at a price, exact penalties; "hard": where
+            no plan keeps them, the step counts as failed.
+        state_penalty: Price of a state beyond a soft bound by one unit, at each step; None: 10,000
+            times the largest stage weight of a state.
 
     Raises:
         ConfigError: If an option is out of range or unknown.
@@ -54,6 +57,10 @@ class MpcOptions:
     horizon: Count = 25
     linearisations: Count | Literal["converged"] = 3
     initial_guess: About = "zero"
+    state_low: dict[str, float] | None = None
+    state_high: dict[str, float] | None = None
+    state_bounds: Softness = "soft"
+    state_penalty: NonNegative | None = None
 
     def __post_init__(self) -> None:
         if self.horizon < 1:
@@ -63,11 +70,11 @@ class MpcOptions:
             raise ConfigError(
                 f"mpc.linearisations: expected a number from 1 or 'converged', got {count!r}"
             )
-        if self.initial_guess not in get_args(About):
-            raise ConfigError(
-                f"mpc.initial_guess: unknown {self.initial_guess!r}; "
-                f"{suggest(self.initial_guess, get_args(About))}"
-            )
+        for name, kinds in (("initial_guess", About), ("state_bounds", Softness)):
+            if (value := getattr(self, name)) not in get_args(kinds):
+                raise ConfigError(
+                    f"mpc.{name}: unknown {value!r}; {suggest(value, get_args(kinds))}"
+                )
 
 
 class PredictiveModel(Protocol):
@@ -75,7 +82,11 @@ class PredictiveModel(Protocol):
 
     input_low: np.ndarray
     input_high: np.ndarray
-    sparsity: Sparsity
+
+    @property
+    def sparsity(self) -> Sparsity | None:
+        """Which entries of the Jacobians can be other than zero; None: any."""
+        ...
 
     def linearise(
         self, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray
@@ -96,11 +107,25 @@ class Objective:
         reference: (n, N, nx), for x_1 .. x_N.
         state_weights: (n, N, nx), discounts included.
         input_weights: (n, N, nu), discounts included.
+        bounds: On the states; None: none.
+        rest: (n, nu), inputs applied where no programme was solved, clipped to the box; None: 0.
     """
 
     reference: np.ndarray
     state_weights: np.ndarray
     input_weights: np.ndarray
+    bounds: StateBounds | None = None
+    rest: np.ndarray | None = None
+
+    def take(self, rows: np.ndarray) -> Objective:
+        """Return those of some environments, by mask or index."""
+        return Objective(
+            self.reference[rows],
+            self.state_weights[rows],
+            self.input_weights[rows],
+            None if self.bounds is None else self.bounds.take(rows),
+            None if self.rest is None else self.rest[rows],
+        )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -131,8 +156,21 @@ class SequentialQp:
     """The search for a plan: a pure function of its arguments."""
 
     def __init__(
-        self, model: PredictiveModel, solver: Solver, linearisations: int | Literal["converged"]
+        self,
+        model: PredictiveModel,
+        solver: Solver,
+        linearisations: int | Literal["converged"],
+        undamped: int = MAX_LINEARISATIONS,
     ) -> None:
+        """
+        Args:
+            model: What is linearised.
+            solver: Of the quadratic programmes.
+            linearisations: Programmes a step.
+            undamped: After so many, the next linearisation is about the mean of the last two plans,
+                which ends most cycles.
+        """
+        self._undamped = undamped
         self._model = model
         self._solver = solver
         self._until_converged = linearisations == "converged"
@@ -146,11 +184,19 @@ class SequentialQp:
         """Plan from `start` (n, nx), beginning with `guess` (n, N, nu).
 
         An environment whose solve fails twice keeps the last plan of this call that did solve, else
-        zero input (clipped to the box), and stops there.
+        zero input or what `objective.rest` says (clipped to the box), and stops there.
 
         Raises:
             ConfigError: In the first call, if the model's Jacobians are not as sparse as it says.
         """
+        if self._checked:
+            return self._plan(theta, start, objective, guess)
+        with first_use("the MPC"):
+            return self._plan(theta, start, objective, guess)
+
+    def _plan(
+        self, theta: np.ndarray, start: np.ndarray, objective: Objective, guess: np.ndarray
+    ) -> Plan:
         n = len(start)
         inputs = np.empty_like(guess)
         status = np.empty(n, dtype=np.int8)
@@ -164,20 +210,22 @@ class SequentialQp:
             if not self._checked:
                 _check_sparsity(problem)
                 self._checked = True
-            attempt = _Attempt(self._solver, problem)
+            attempt = Attempt(self._solver, problem)
             after, ends = attempt.inputs, None
             seconds += attempt.seconds
             if attempt.troubled:
                 ends = attempt.status != _SOLVED
                 retried[env_indices] |= attempt.retried
-                zero = np.clip(0.0, problem.input_low, problem.input_high)
-                after = np.where(ends[:, None, None], zero if posed == 1 else before, after)
+                rest = 0.0 if objective.rest is None else objective.rest[:, None]
+                rest = np.clip(rest, problem.input_low, problem.input_high)
+                after = np.where(ends[:, None, None], rest if posed == 1 else before, after)
             if self._until_converged:
                 change = np.abs(after - before)
                 stands = (change <= CONVERGED * self._scale(problem, after)).all((1, 2))
                 ends = stands if ends is None else ends | stands
+            following = after if posed < self._undamped else 0.5 * (before + after)
             if posed < self._limit and (ends is None or not ends.any()):
-                before = after
+                before = following
                 continue
             inputs[env_indices], status[env_indices], count[env_indices] = (
                 after,
@@ -188,10 +236,8 @@ class SequentialQp:
                 break
             on = ~ends
             env_indices = np.arange(n)[env_indices][on]
-            theta, start, before = theta[on], start[on], after[on]
-            objective = Objective(
-                objective.reference[on], objective.state_weights[on], objective.input_weights[on]
-            )
+            theta, start, before = theta[on], start[on], following[on]
+            objective = objective.take(on)
         return Plan(inputs, status, retried, count, seconds)
 
     def _scale(self, problem: LinearisedProblem, plan: np.ndarray) -> np.ndarray:
@@ -217,6 +263,24 @@ class SequentialQp:
             input_low=self._model.input_low,
             input_high=self._model.input_high,
             sparsity=self._model.sparsity,
+            bounds=objective.bounds,
+        )
+
+
+def check_solver(solver: Solver, what: str) -> None:
+    """See that a solver takes bounds on states, if there is anything that needs them.
+
+    Args:
+        solver: The solver.
+        what: What needs them, for the message; empty: nothing does.
+
+    Raises:
+        ConfigError: If it does not.
+    """
+    if what and not solver.bounds_states:
+        raise ConfigError(
+            f"the solver {type(solver).__name__.lower()} takes bounds on inputs alone, not {what}; "
+            "use the solver clarabel"
         )
 
 
@@ -236,76 +300,3 @@ def _check_sparsity(problem: LinearisedProblem) -> None:
                 f"the model's `sparsity` says that {name}[{i}, {j}] is always zero, but it is "
                 f"{largest[i, j]:.6g} here: mark every entry that can be other than zero"
             )
-
-
-class _Attempt:
-    """One solve of n problems; what failed is solved once more, carefully.
-
-    Problems that are not finite never reach a solver that does not screen them itself.
-    """
-
-    def __init__(self, solver: Solver, problem: LinearisedProblem) -> None:
-        self._solver = solver
-        self._problem = problem
-        self.seconds = 0.0
-        finite = None if solver.screens else _finite(problem)
-        if finite is None or finite.all():
-            answer = self._timed(problem)
-            self.inputs, self.status = answer.inputs, answer.status
-        else:
-            self.inputs = np.zeros_like(problem.inputs)
-            self.status = np.full(len(finite), _NOT_FINITE, dtype=np.int8)
-            self._solve_some(finite, robust=False)
-        self.troubled = np.count_nonzero(self.status) > 0  # SOLVED is zero
-        if self.troubled:
-            self.retried = (self.status != _SOLVED) & (self.status != _NOT_FINITE)
-            self._solve_some(self.retried, robust=True)
-            for env_index in np.flatnonzero(self.status):
-                sentence = Status(self.status[env_index]).sentence
-                _log.info("row %d of %d: %s", env_index, len(self.status), sentence)
-
-    def _solve_some(self, mask: np.ndarray, robust: bool) -> None:
-        if mask.any():
-            answer = self._timed(_take(self._problem, mask), robust)
-            self.inputs, self.status = self.inputs.copy(), self.status.copy()
-            self.inputs[mask] = answer.inputs
-            self.status[mask] = answer.status
-
-    def _timed(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
-        began = time.perf_counter()
-        answer = self._solver.solve(problem, robust)
-        self.seconds += time.perf_counter() - began
-        return answer
-
-
-_PER_ENV = ("states", "inputs", "a", "b", "reference", "state_weights", "input_weights")
-
-
-def _take(problem: LinearisedProblem, mask: np.ndarray) -> LinearisedProblem:
-    return replace(problem, **{name: getattr(problem, name)[mask] for name in _PER_ENV})
-
-
-def _finite(problem: LinearisedProblem) -> np.ndarray:
-    """Return for each environment (n,) whether all its numbers are finite."""
-    n = len(problem.a)
-    return _finite_rows(*[getattr(problem, name).reshape(n, -1) for name in _PER_ENV])
-
-
-@compiled()
-def _finite_rows(
-    a: np.ndarray,
-    b: np.ndarray,
-    c: np.ndarray,
-    d: np.ndarray,
-    e: np.ndarray,
-    f: np.ndarray,
-    g: np.ndarray,
-) -> np.ndarray:
-    finite = np.ones(len(a), dtype=np.bool_)
-    for env_index in range(len(a)):
-        for rows in (a, b, c, d, e, f, g):
-            bad = 0
-            for i in range(rows.shape[1]):
-                bad += not np.isfinite(rows[env_index, i])
-            finite[env_index] &= bad == 0
-    return finite

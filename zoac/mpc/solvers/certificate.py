@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from zoac.mpc.compiled import compiled
-from zoac.mpc.problem import LinearisedProblem, Solution, Status
+from zoac.mpc.problem import LinearisedProblem, Solution, StateBounds, Status
 from zoac.mpc.solvers.scaling import units
 
 EXCESS_COST = 1e-4
@@ -14,10 +14,23 @@ EXCESS_COST = 1e-4
 EXCESS_INPUT = 1e-6
 """no input of it moves by more than this part of its range, if each alone goes to its optimum."""
 
+ROUNDING = 1e-3
+"""Part of the penalties that counts as cost above: where a bound cannot be kept, they may be so
+large that rounding alone exceeds 1e-4 of the rest."""
 
-def certified(problem: LinearisedProblem, solution: Solution) -> Solution:
+HARD = 1e-6
+"""A hard bound is kept if a state is beyond it by no more than this, or this part of the state."""
+
+REST = 1e-8
+"""What bounds on states may leave between Lagrangian and cost where a plan costs next to nothing,
+in units of cost."""
+
+
+def certified(
+    problem: LinearisedProblem, solution: Solution, multipliers: np.ndarray | None = None
+) -> Solution:
     """Return `solution`, with the status INACCURATE where a plan said to be solved has no proof."""
-    proven = is_optimal(problem, solution.inputs)
+    proven = is_optimal(problem, solution.inputs, multipliers)
     status = solution.status
     unproven = (status == Status.SOLVED) & ~proven
     if unproven.any():
@@ -25,7 +38,9 @@ def certified(problem: LinearisedProblem, solution: Solution) -> Solution:
     return Solution(solution.inputs, status, solution.iterations)
 
 
-def is_optimal(problem: LinearisedProblem, inputs: np.ndarray) -> np.ndarray:
+def is_optimal(
+    problem: LinearisedProblem, inputs: np.ndarray, multipliers: np.ndarray | None = None
+) -> np.ndarray:
     """Tell for each problem (n,) whether `inputs` (n, N, nu), inside the box, is its optimum.
 
     With g the objective's gradient by the adjoint equation and r the input weights, no plan is
@@ -33,10 +48,22 @@ def is_optimal(problem: LinearisedProblem, inputs: np.ndarray) -> np.ndarray:
     less that of r alone is convex. That is compared to the plan's cost. A plan that costs next to
     nothing may fail there for rounding. It is then judged by |u - clip(u - g / h)|, h being the
     curvature in that input alone.
+
+    With bounds on states, g is that of the Lagrangian, whose minimum no plan can cost less than.
+    Any `multipliers` (n, N, nx) of them will do, positive where the state is pressed down by its
+    upper bound, at most the penalty. What they leave between Lagrangian and cost counts as excess,
+    and hard bounds must hold to 1e-6 of the state's size.
     """
     scale = problem.input_high - problem.input_low
-    scales = np.where(np.isfinite(scale), scale, units(problem).inputs)
+    of_problem = units(problem)
+    scales = np.where(np.isfinite(scale), scale, of_problem.inputs)
     optimal = np.empty(len(inputs), dtype=np.bool_)
+    bounds = problem.bounds
+    if bounds is None:
+        none = np.empty((len(inputs), 0))
+        bounds, multipliers = StateBounds(none, none, none), np.empty((*inputs.shape[:2], 0))
+    elif multipliers is None:
+        multipliers = np.zeros((*inputs.shape[:2], bounds.low.shape[1]))
     _judge(
         problem.states,
         problem.inputs,
@@ -47,7 +74,12 @@ def is_optimal(problem: LinearisedProblem, inputs: np.ndarray) -> np.ndarray:
         problem.input_weights,
         problem.input_low,
         problem.input_high,
+        bounds.low,
+        bounds.high,
+        bounds.penalty,
+        np.clip(multipliers, -bounds.penalty[:, None], bounds.penalty[:, None]),
         scales,
+        of_problem.cost,
         inputs,
         optimal,
     )
@@ -65,16 +97,23 @@ def _judge(
     input_weights: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
+    state_low: np.ndarray,
+    state_high: np.ndarray,
+    penalty: np.ndarray,
+    multipliers: np.ndarray,
     scales: np.ndarray,
+    cost_units: np.ndarray,
     inputs: np.ndarray,
     optimal: np.ndarray,
 ) -> None:
     n, horizon, nx, nu = b.shape
+    bounded = state_low.shape[1]
     errors = np.empty((horizon, nx))
     gradient = np.empty((horizon, nu))
     for env_index in range(n):
         moved = np.zeros(nx)
-        cost = 0.0
+        cost = penalised = left = 0.0
+        kept = True
         for k in range(horizon):
             after = np.zeros(nx)
             for i in range(nx):
@@ -90,11 +129,27 @@ def _judge(
                 cost += state_weights[env_index, k, i] * errors[k, i] ** 2
             for j in range(nu):
                 cost += input_weights[env_index, k, j] * inputs[env_index, k, j] ** 2
+            for i in range(bounded):
+                x = states[env_index, k + 1, i] + moved[i]
+                bottom, top = state_low[env_index, i], state_high[env_index, i]
+                multiplier = multipliers[env_index, k, i]
+                beyond = max(x - top, bottom - x, 0.0)
+                if penalty[env_index, i] < np.inf:
+                    penalised += penalty[env_index, i] * beyond
+                    left += penalty[env_index, i] * beyond
+                elif beyond > HARD * (1.0 + abs(x)):
+                    kept = False
+                if multiplier > 0.0:
+                    left -= multiplier * (x - top)
+                elif multiplier < 0.0:
+                    left -= multiplier * (x - bottom)
         excess = 0.0
         adjoint = np.zeros(nx)
         for k in range(horizon - 1, -1, -1):
             for i in range(nx):
                 adjoint[i] += 2.0 * state_weights[env_index, k, i] * errors[k, i]
+            for i in range(bounded):
+                adjoint[i] += multipliers[env_index, k, i]
             for j in range(nu):
                 u, weight = inputs[env_index, k, j], input_weights[env_index, k, j]
                 slope = 2.0 * weight * u
@@ -108,16 +163,26 @@ def _judge(
                 for i in range(nx):
                     before[i] += a[env_index, k, other, i] * adjoint[other]
             adjoint = before
-        optimal[env_index] = excess <= EXCESS_COST * cost < np.inf or _stands(
-            a[env_index],
-            b[env_index],
-            state_weights[env_index],
-            input_weights[env_index],
-            low,
-            high,
-            EXCESS_INPUT * scales[env_index],
-            inputs[env_index],
-            gradient,
+        left = abs(left)
+        cost += ROUNDING * penalised
+        proven = excess + left <= EXCESS_COST * cost < np.inf
+        negligible = left <= max(EXCESS_COST * cost, REST * cost_units[env_index]) < np.inf
+        optimal[env_index] = kept and (
+            proven
+            or (
+                negligible
+                and _stands(
+                    a[env_index],
+                    b[env_index],
+                    state_weights[env_index],
+                    input_weights[env_index],
+                    low,
+                    high,
+                    EXCESS_INPUT * scales[env_index],
+                    inputs[env_index],
+                    gradient,
+                )
+            )
         )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, ClassVar
 
 import clarabel
 import cvxpy as cp
@@ -18,9 +18,10 @@ import scipy.sparse as sparse
 
 from zoac.core.types import Count, Fraction
 from zoac.mpc.compiled import compiled
-from zoac.mpc.formulation import Layout, build_problem, write_parameters
+from zoac.mpc.formulation import Layout, build_problem
 from zoac.mpc.problem import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.certificate import certified
+from zoac.mpc.solvers.parameters import write_parameters
 from zoac.mpc.solvers.scaling import Units, units
 
 _STATUS = {
@@ -28,6 +29,8 @@ _STATUS = {
     "AlmostSolved": Status.INACCURATE,
     "InsufficientProgress": Status.INACCURATE,
     "MaxIterations": Status.ITERATION_LIMIT,
+    "PrimalInfeasible": Status.INFEASIBLE,
+    "AlmostPrimalInfeasible": Status.INFEASIBLE,
 }
 
 _STEP_FRACTIONS = 0.99999, 0.99
@@ -48,7 +51,8 @@ class ClarabelSolver:
         max_iterations: Limit on interior-point iterations.
     """
 
-    screens = False
+    screens: ClassVar[bool] = False
+    bounds_states: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -81,7 +85,9 @@ class ClarabelSolver:
         status = np.empty(n, dtype=np.int8)
         iterations = np.zeros(n, dtype=np.int64)
         scale = units(problem, always=robust)
-        for env_index, numbers in enumerate(form.data(problem, scale)):
+        data, scales = form.data(problem, scale)
+        multipliers = np.zeros((n, horizon, problem.a.shape[-1])) if layout.bounds_size else None
+        for env_index, numbers in enumerate(data):
             for solver in self._attempts(form, numbers, prepared, robust):
                 answer = solver.solve()
                 iterations[env_index] += answer.iterations
@@ -89,9 +95,15 @@ class ClarabelSolver:
                 if status[env_index] == Status.SOLVED:
                     break
             plans[env_index].flat = answer.x[form.inputs]
+            if multipliers is not None:
+                form.write_multipliers(
+                    np.array(answer.z) / scales[env_index], multipliers[env_index]
+                )
         inputs = np.ascontiguousarray(plans.transpose(0, 2, 1)) * scale.inputs[:, None]
         np.clip(inputs, problem.input_low, problem.input_high, out=inputs)
-        return certified(problem, Solution(inputs, status, iterations))
+        if multipliers is not None:
+            multipliers /= scale.states[:, None]
+        return certified(problem, Solution(inputs, status, iterations), multipliers)
 
     def _attempts(
         self, form: _CanonicalForm, numbers: np.ndarray, prepared: list[Any], robust: bool
@@ -100,9 +112,9 @@ class ClarabelSolver:
         if robust:
             yield form.make_solver(numbers, self._settings(_STEP_FRACTIONS[-1], refine=True))
             return
-        p, a, b = (_plain(part) for part in form.split(numbers))
+        parts = {name: _plain(part) for name, part in form.split(numbers).items()}
         for solver in prepared:
-            solver.update(P=p, A=a, b=b)
+            solver.update(**parts)
             yield solver
 
     def _settings(self, step_fraction: float, refine: bool = False) -> Any:
@@ -134,6 +146,8 @@ class _CanonicalForm:
         formulation = build_problem(layout)
         formulation.dynamics.value = np.ones(layout.dynamics_size)
         formulation.weights.value = np.ones(layout.weights_size)
+        if formulation.bounds is not None:
+            formulation.bounds.value = np.ones(layout.bounds_size)
         data, _, _ = formulation.problem.get_problem_data(cp.CLARABEL, solver_opts={})
         program = data["param_prob"]
         column = program.param_id_to_col
@@ -153,8 +167,15 @@ class _CanonicalForm:
             (np.ones(len(rows) - entries), (rows[entries:], np.arange(len(rows) - entries))),
             shape=(self._rows, len(rows) - entries),
         )
-        self._map = sparse.vstack([map_p, -map_ab[:entries], place @ map_ab[entries:]], "csr")
-        self._cuts = (map_p.shape[0], map_p.shape[0] + int(entries))
+        maps = {"P": map_p, "A": -map_ab[:entries], "b": place @ map_ab[entries:]}
+        if formulation.bounds is not None:  # penalties are linear in the slacks
+            of_bounds = column[formulation.bounds.id]
+            self._bounds = slice(of_bounds, of_bounds + layout.bounds_size)
+            maps["q"] = sparse.csr_array(program.q[:variables])
+            self._rows_of_bounds = _rows(program.constraints, formulation.of_bounds)
+        self._map = sparse.vstack(list(maps.values()), "csr")
+        ends = np.cumsum([part.shape[0] for part in maps.values()]).tolist()
+        self._parts = dict(zip(maps, map(slice, [0, *ends], ends), strict=False))
         self._variables = variables
         self._cones = [
             clarabel.ZeroConeT(data["dims"].zero),
@@ -164,17 +185,29 @@ class _CanonicalForm:
         self.inputs = slice(first, first + layout.horizon * layout.nu)
         """Where the inputs stand in x: component by component, each over the horizon."""
 
-    def data(self, problem: LinearisedProblem, scale: Units) -> np.ndarray:
-        """Return the nonzeros of P, those of A, and b, in one row for each of the n problems."""
+    def data(self, problem: LinearisedProblem, scale: Units) -> tuple[np.ndarray, np.ndarray]:
+        """Return Clarabel's numbers, a row for each of the n problems, and its objectives' scales.
+
+        A row holds the nonzeros of P, those of A, b, and q where states are bounded.
+        """
         parameters = np.ones((len(problem.a), self._map.shape[1]))
         dynamics, weights = parameters[:, self._dynamics], parameters[:, self._weights]
-        write_parameters(problem, self._layout, scale, dynamics, weights)
-        return self._product(parameters)
+        bounds = parameters[:, self._bounds] if self._layout.bounds_size else None
+        scales = write_parameters(problem, self._layout, scale, dynamics, weights, bounds)
+        return self._product(parameters), scales
 
-    def split(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Cut a row of `data` into the nonzeros of P, those of A, and b."""
-        first, second = self._cuts
-        return numbers[:first], numbers[first:second], numbers[second:]
+    def split(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
+        """Cut a row of `data` into the nonzeros of P, those of A, b and q, by name."""
+        return {name: numbers[part] for name, part in self._parts.items()}
+
+    def write_multipliers(self, duals: np.ndarray, multipliers: np.ndarray) -> None:
+        """Write Clarabel's dual variables of the states' bounds into `multipliers` (N, nx)."""
+        layout, sides = self._layout, self._rows_of_bounds
+        for sign, states, rows in zip(
+            (-1.0, 1.0), (layout.state_low, layout.state_high), sides, strict=True
+        ):
+            for i, row in zip(states, rows, strict=True):
+                multipliers[:, i] += sign * duals[row : row + layout.horizon]
 
     def neutral(self) -> np.ndarray:
         """Return a row of `data` that stands for every problem of this layout."""
@@ -189,17 +222,26 @@ class _CanonicalForm:
 
     def make_solver(self, numbers: np.ndarray, settings: Any) -> Any:
         """Return a Clarabel solver that holds a row of `data` and is scaled by it."""
-        p, a, b = self.split(numbers)
+        parts = self.split(numbers)
         square = (self._variables, self._variables)
         tall = (self._rows, self._variables)
         return clarabel.DefaultSolver(
-            sparse.csc_matrix((p, *self._p_pattern[:2]), shape=square),
-            np.zeros(self._variables),
-            sparse.csc_matrix((a, *self._a_pattern), shape=tall),
-            b,
+            sparse.csc_matrix((parts["P"], *self._p_pattern[:2]), shape=square),
+            parts.get("q", np.zeros(self._variables)),
+            sparse.csc_matrix((parts["A"], *self._a_pattern), shape=tall),
+            parts["b"],
             self._cones,
             settings,
         )
+
+
+def _rows(
+    constraints: list[cp.Constraint], sides: tuple[list[cp.Constraint], ...]
+) -> list[list[int]]:
+    """Return where the rows of some constraints begin, given all in the order of their rows."""
+    begins = np.cumsum([0, *(constraint.size for constraint in constraints)]).tolist()
+    first = {constraint.id: row for constraint, row in zip(constraints, begins, strict=False)}
+    return [[first[constraint.id] for constraint in side] for side in sides]
 
 
 @compiled()

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from typing import Any, ClassVar
 
 import cvxpy as cp
 import numpy as np
 
 from zoac.core.types import Count, Fraction
-from zoac.mpc.formulation import Formulation, Layout, build_problem, write_parameters
+from zoac.mpc.formulation import Formulation, Layout, build_problem
 from zoac.mpc.problem import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.certificate import certified
+from zoac.mpc.solvers.parameters import write_parameters
 from zoac.mpc.solvers.scaling import units
 
 _STATUS = {
     cp.OPTIMAL: Status.SOLVED,
     cp.OPTIMAL_INACCURATE: Status.INACCURATE,
     cp.USER_LIMIT: Status.ITERATION_LIMIT,
+    cp.INFEASIBLE: Status.INFEASIBLE,
+    cp.INFEASIBLE_INACCURATE: Status.INFEASIBLE,
 }
 
 
@@ -29,7 +32,8 @@ class CvxpySolver:
         max_iterations: Limit on interior-point iterations.
     """
 
-    screens = False
+    screens: ClassVar[bool] = False
+    bounds_states: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -55,18 +59,30 @@ class CvxpySolver:
         iterations = np.zeros(len(inputs), dtype=np.int64)
         dynamics = np.empty((len(inputs), layout.dynamics_size))
         weights = np.empty((len(inputs), layout.weights_size))
+        bounds = np.empty((len(inputs), layout.bounds_size)) if layout.bounds_size else None
         scale = units(problem, always=robust)
-        write_parameters(problem, layout, scale, dynamics, weights)
+        scales = write_parameters(problem, layout, scale, dynamics, weights, bounds)
+        multipliers = None if bounds is None else np.zeros((*inputs.shape[:2], layout.nx))
         for env_index in range(len(inputs)):
             formulation.dynamics.value = dynamics[env_index]
             formulation.weights.value = weights[env_index]
+            if bounds is not None and formulation.bounds is not None:
+                formulation.bounds.value = bounds[env_index]
             status[env_index] = self._solve_one(formulation.problem, robust)
-            if status[env_index] != Status.NUMERICAL_FAILURE:
-                inputs[env_index] = formulation.inputs.value
-                iterations[env_index] = formulation.problem.solver_stats.num_iters
+            if status[env_index] in (Status.NUMERICAL_FAILURE, Status.INFEASIBLE):
+                continue
+            inputs[env_index] = formulation.inputs.value
+            iterations[env_index] = formulation.problem.solver_stats.num_iters
+            if multipliers is not None:
+                of_states = layout.state_low + layout.state_high
+                low, high = formulation.of_bounds
+                signed = [-c.dual_value for c in low] + [c.dual_value for c in high]
+                for i, dual in zip(of_states, signed, strict=True):
+                    unit = scale.states[env_index, i] * scales[env_index]
+                    multipliers[env_index, :, i] += dual / unit
         inputs *= scale.inputs[:, None]
         np.clip(inputs, problem.input_low, problem.input_high, out=inputs)
-        return certified(problem, Solution(inputs, status, iterations))
+        return certified(problem, Solution(inputs, status, iterations), multipliers)
 
     def _solve_one(self, problem: cp.Problem, robust: bool) -> Status:
         tolerances = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), self.tolerance)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 
@@ -26,7 +27,8 @@ class Riccati:
     on disk.
     """
 
-    screens = True
+    screens: ClassVar[bool] = True
+    bounds_states: ClassVar[bool] = False
 
     def __init__(
         self,

@@ -1,0 +1,1 @@
+"""An MPC from weights, bounds and a reference, on any predictive model."""

@@ -1,0 +1,238 @@
+"""A model from a function of NumPy or numba, with Jacobians given or by small differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from zoac.core.errors import ConfigError, suggest
+from zoac.mpc.models.dynamics import Dynamics
+from zoac.mpc.problem import Sparsity
+
+WAYS = ("complex", "finite")
+
+COMPLEX_STEP = 1e-20
+"""Times i: the imaginary part of F(x + i h) is h F'(x), without any difference of near numbers."""
+
+FINITE_STEP = 6e-6
+"""Cube root of the machine epsilon, for central differences; times |x| where that is above 1."""
+
+AGREES = 1e-3
+"""A Jacobian's entry is right if finite differences are within this of it, or within this part of
+its row's largest change."""
+
+
+class FunctionModel:
+    """A model from a function of (x, u, p): plain NumPy, or compiled by `numba.njit`.
+
+    A plain function is called with arrays as entries of x and u, several points at once: it uses
+    NumPy's functions and no `if` on values. A compiled one is called with numbers and is far
+    faster.
+    """
+
+    def __init__(
+        self,
+        states: Any,
+        inputs: Any,
+        parameters: Any = None,
+        *,
+        jacobians: str | Callable[[Any, Any, Any], Any] = "complex",
+        sparsity: Sparsity | None = None,
+        **options: Any,
+    ) -> None:
+        """
+        Args:
+            states: Names.
+            inputs: Names.
+            parameters: Values by name.
+            jacobians: "complex": by a complex step, exact to rounding where the function takes
+                complex numbers (no `abs`, no comparison); "finite": by central differences; or a
+                function of (x, u, p), with numbers as entries, that returns dF/dx (nx, nx) and
+                dF/du (nx, nu) of `step`. All are compared with finite differences once.
+            sparsity: Which entries of the Jacobians can be other than zero, if known.
+            options: `step` or `derivative`, `sample_time`, `substeps`: see
+                `zoac.mpc.models.dynamics.Dynamics`.
+
+        Raises:
+            ConfigError: If a part of it cannot be used.
+        """
+        self._dynamics = dynamics = Dynamics(states, inputs, parameters, **options)
+        self.states, self.inputs = dynamics.states, dynamics.inputs
+        self.parameters, self.sample_time = dynamics.parameters, dynamics.sample_time
+        self.sparsity, self._jacobians = sparsity, jacobians
+        if isinstance(jacobians, str) and jacobians not in WAYS:
+            raise ConfigError(f"jacobians={jacobians!r}: {suggest(jacobians, WAYS)}, or a function")
+        if callable(jacobians) and dynamics.continuous:
+            raise ConfigError("jacobians=...: a function belongs to step=..., not to derivative")
+        dynamics.check()
+        compiled = hasattr(dynamics.function, "py_func")
+        self._rollout = _compiled_rollout(dynamics) if compiled else _plain_rollout(dynamics)
+        self._checked = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # The copy compiles its own.
+        more = {"jacobians": self._jacobians, "sparsity": self.sparsity}
+        return _function_model, ({**self._dynamics.given, **more},)
+
+    def linearise(
+        self, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See `zoac.mpc.sqp.PredictiveModel`; theta (n, np) in the order of `parameters`.
+
+        Raises:
+            ConfigError: In the first call, if the Jacobians are not those of the function.
+        """
+        way = self._jacobians if isinstance(self._jacobians, str) else "given"
+        states, a, b = self._along(way, theta, start, inputs)
+        if way == "given":
+            self._write_given(theta, states, inputs, a, b)
+        if not self._checked and len(start):
+            self._check(theta, start, inputs, states, a, b)
+            self._checked = True
+        return states, a, b
+
+    def predict(self, theta: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+        """Return F_theta(states (n, nx), inputs (n, nu)) (n, nx)."""
+        return self._along("given", theta, states, inputs[:, None])[0][:, 1]
+
+    def _along(
+        self, way: str, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Roll out, with Jacobians by small differences; of "given" ones, leave them zero."""
+        n, horizon, nu = inputs.shape
+        nx = start.shape[1]
+        states = np.empty((n, horizon + 1, nx))
+        states[:, 0] = start
+        ab = np.zeros((n, horizon, nx, nx + nu))
+        theta = np.ascontiguousarray(theta)
+        # One environment at a time: its bits do not depend on how many there are.
+        with np.errstate(all="ignore"):
+            for row in range(n):
+                self._rollout(way, theta[row], inputs[row], states[row], ab[row])
+        return states, np.ascontiguousarray(ab[..., :nx]), np.ascontiguousarray(ab[..., nx:])
+
+    def _write_given(
+        self,
+        theta: np.ndarray,
+        states: np.ndarray,
+        inputs: np.ndarray,
+        a: np.ndarray,
+        b: np.ndarray,
+    ) -> None:
+        x, u, p = self._dynamics.tuples()
+        for row in range(len(inputs)):
+            numbers = p(theta[row])
+            for k in range(inputs.shape[1]):
+                point = x(states[row, k]), u(inputs[row, k]), numbers
+                a[row, k], b[row, k] = self._jacobians(*point)  # type: ignore[operator]
+
+    def _check(
+        self,
+        theta: np.ndarray,
+        start: np.ndarray,
+        inputs: np.ndarray,
+        states: np.ndarray,
+        a: np.ndarray,
+        b: np.ndarray,
+    ) -> None:
+        _, a_too, b_too = self._along("finite", theta[:1], start[:1], inputs[:1])
+        found = np.concatenate([a[0], b[0]], axis=2)
+        told = np.concatenate([a_too[0], b_too[0]], axis=2)
+        size = np.maximum(np.abs(told).max(axis=2, keepdims=True), 1.0)
+        size = np.maximum(size, np.abs(states[0, :-1]).max(initial=0.0))
+        wrong = np.argwhere(np.abs(found - told) > AGREES * size)
+        if len(wrong):
+            k, i, j = wrong[0]
+            raise ConfigError(
+                f"model: at step {k} the Jacobian of {self.states[i]} in "
+                f"{(*self.states, *self.inputs)[j]} is {found[k, i, j]:.6g}, by finite differences "
+                f"{told[k, i, j]:.6g}; a complex step needs a function that is smooth and takes "
+                "complex numbers: else jacobians='finite'"
+            )
+
+
+def _function_model(given: dict[str, Any]) -> FunctionModel:
+    return FunctionModel(**given)
+
+
+def _plain_rollout(dynamics: Dynamics) -> Callable[..., None]:
+    """Return a rollout that differentiates in all directions at once, as columns of arrays."""
+    advance = dynamics.advance()
+    nx, nu = len(dynamics.states), len(dynamics.inputs)
+    directions = np.eye(nx + nu)
+
+    def rollout(
+        way: str, p: np.ndarray, inputs: np.ndarray, states: np.ndarray, ab: np.ndarray
+    ) -> None:
+        for k in range(len(inputs)):
+            point = np.concatenate([states[k], inputs[k]])[:, None]
+            states[k + 1] = advance(point[:nx], point[nx:], p)[:, 0]
+            if way == "complex":
+                moved = point + 1j * COMPLEX_STEP * directions
+                ab[k] = advance(moved[:nx], moved[nx:], p).imag / COMPLEX_STEP
+            elif way == "finite":
+                step = FINITE_STEP * np.maximum(np.abs(point[:, 0]), 1.0)
+                up, down = point + step * directions, point - step * directions
+                change = advance(up[:nx], up[nx:], p) - advance(down[:nx], down[nx:], p)
+                ab[k] = change / (2.0 * step)
+
+    return rollout
+
+
+def _compiled_rollout(dynamics: Dynamics) -> Callable[..., None]:
+    """Return a rollout that numba compiles, direction by direction."""
+    import numba
+
+    advance = dynamics.advance(numba.njit(error_model="numpy"))
+    nx = len(dynamics.states)
+
+    @numba.njit(error_model="numpy")
+    def along(p: np.ndarray, inputs: np.ndarray, states: np.ndarray) -> None:
+        for k in range(len(inputs)):
+            states[k + 1] = advance(states[k].copy(), inputs[k].copy(), p)
+
+    @numba.njit(error_model="numpy")
+    def by_complex_step(
+        p: np.ndarray, inputs: np.ndarray, states: np.ndarray, ab: np.ndarray
+    ) -> None:
+        for k in range(len(inputs)):
+            x, u = states[k].astype(np.complex128), inputs[k].astype(np.complex128)
+            for j in range(len(x) + len(u)):
+                if j < nx:
+                    x[j] += 1j * COMPLEX_STEP
+                else:
+                    u[j - nx] += 1j * COMPLEX_STEP
+                ab[k, :, j] = advance(x.copy(), u.copy(), p).imag / COMPLEX_STEP
+                if j < nx:
+                    x[j] = states[k, j]
+                else:
+                    u[j - nx] = inputs[k, j - nx]
+
+    @numba.njit(error_model="numpy")
+    def by_differences(
+        p: np.ndarray, inputs: np.ndarray, states: np.ndarray, ab: np.ndarray
+    ) -> None:
+        for k in range(len(inputs)):
+            for j in range(ab.shape[2]):
+                up = np.concatenate((states[k], inputs[k]))
+                down = up.copy()
+                step = FINITE_STEP * max(abs(up[j]), 1.0)
+                up[j] += step
+                down[j] -= step
+                change = advance(up[:nx].copy(), up[nx:].copy(), p)
+                change = change - advance(down[:nx].copy(), down[nx:].copy(), p)
+                ab[k, :, j] = change / (2.0 * step)
+
+    def rollout(
+        way: str, p: np.ndarray, inputs: np.ndarray, states: np.ndarray, ab: np.ndarray
+    ) -> None:
+        inputs = np.ascontiguousarray(inputs)
+        along(p, inputs, states)
+        if way == "complex":
+            by_complex_step(p, inputs, states, ab)
+        elif way == "finite":
+            by_differences(p, inputs, states, ab)
+
+    return rollout
