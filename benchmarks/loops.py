@@ -49,6 +49,7 @@ class Verdict:
         against: "better", "equal" or "worse", by whom it is compared with: the baseline,
             Ziegler-Nichols, SIMC, and the evidence that the specs can be met.
         iae: Of the answer, and of those that it is compared with; infinite without an answer.
+        kept: Whether those keep all hard specs.
         seconds: CPU time of tuning.
     """
 
@@ -58,15 +59,17 @@ class Verdict:
     broken: str
     against: Mapping[str, str]
     iae: Mapping[str, float]
+    kept: Mapping[str, bool]
     seconds: float
 
     @property
     def row(self) -> dict[str, Any]:
         """A row of the table."""
         plain = asdict(self)
-        against, iae = plain.pop("against"), plain.pop("iae")
+        against, iae, kept = (plain.pop(name) for name in ("against", "iae", "kept"))
         return {
             **plain,
+            **{f"kept_{who}": held for who, held in kept.items()},
             **{f"against_{who}": told for who, told in against.items()},
             **{f"iae_{who}": f"{value:.5g}" for who, value in iae.items()},
         }
@@ -127,7 +130,14 @@ def judged(plant: Plant, specs: Specs, seed: int = 0) -> Verdict:
         for who in gains if who != "answer"
     }  # fmt: skip
     return Verdict(
-        plant.index, plant.kind, plant.structure, " ".join(broken["answer"]), against, iae, seconds
+        plant.index,
+        plant.kind,
+        plant.structure,
+        " ".join(broken["answer"]),
+        against,
+        iae,
+        {who: not broken[who] for who in against},
+        seconds,
     )
 
 
@@ -161,6 +171,11 @@ def report(verdicts: list[Verdict]) -> str:
             f"against {who}: better {told.count('better')}, equal {told.count('equal')}, worse "
             f"{told.count('worse')}; IAE over theirs, median {np.median(ratios):.3f}, smaller in "
             f"{sum(r < 1 for r in ratios)} of {len(ratios)}"
+        )
+        rivals = [v for v in verdicts if v.kept[who]]
+        lines.append(
+            f"  {who} keeps all hard specs on {len(rivals)} plants; the answer does too, with a "
+            f"smaller IAE, on {sum(v.against[who] == 'better' for v in rivals)} of them"
         )
     seconds = [v.seconds for v in verdicts]
     lines.append(f"CPU seconds a plant: median {np.median(seconds):.2f}, most {max(seconds):.2f}")

@@ -205,6 +205,23 @@ def _seconds(given: Any) -> float | None:
     return None if given is None else float(given)
 
 
+def shortest_horizon_of(env: gymnasium.Env) -> int:
+    """Return the steps after which an episode can tell good parameters from bad ones; 0: unknown.
+
+    An environment says it by an attribute `shortest_horizon`, or by that key of its metadata.
+
+    Raises:
+        ConfigError: If it is no whole number above 0.
+    """
+    inner = env.unwrapped
+    told = getattr(inner, "shortest_horizon", inner.metadata.get("shortest_horizon"))
+    if told is None:
+        return 0
+    if not (is_number(told) and told >= 1 and told % 1 == 0):
+        raise ConfigError(f"shortest_horizon={told!r}: expected steps, a whole number above 0")
+    return int(told)
+
+
 def objective_text(specs: Sequence[Spec], otherwise: str) -> str:
     """Return what is minimised, for people to read."""
     soft = [spec for spec in specs if not spec.hard]

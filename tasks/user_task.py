@@ -30,6 +30,7 @@ from zoac.tasks.user_space import parse_space
 from zoac.tasks.user_specs import (
     objective_text,
     sample_time_of,
+    shortest_horizon_of,
     signals_of,
     specs_of,
     with_objective,
@@ -136,6 +137,13 @@ class UserTask(Task):
         env = self._one_env()
         env.close()
         return env.action_space
+
+    @cached_property
+    def shortest_horizon(self) -> int:
+        """See `Task.shortest_horizon`; what the environment says."""
+        env = self._one_env()
+        env.close()
+        return shortest_horizon_of(env)
 
     def with_plant(self, plant: Mapping[str, float]) -> UserTask:
         """Return the same task on a plant with other numbers; they no longer vary."""

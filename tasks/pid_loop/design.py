@@ -26,9 +26,9 @@ from zoac.tasks.pid_loop.screening import (
 )  # fmt: skip
 from zoac.tasks.pid_loop.task import PidLoop
 
-WIDTHS = {"Kp": 30.0, "Ki": 200.0, "Kd": 30.0, "Tf": 30.0}
+WIDTHS = {"Kp": 30.0, "Ki": 2000.0, "Kd": 30.0, "Tf": 30.0}
 """Bounds of a gain: the best screened one divided and multiplied by this. A step of the reference
-without overshoot may need a very slow integral."""
+without overshoot may need a very slow integral; where the plant integrates, hardly any."""
 
 
 def designed(
@@ -51,11 +51,13 @@ def designed(
     today, remarks = _today(design, baseline)
     tried = [*([today] if today else []), *candidates(design)]
     best, steps = screened(design, tried)
+    settled = round(steps / LONGER)
     today = today or best
     timed = [spec.max for spec in specs if spec.name in OF_THE_STEP and spec.unit == "s"]
     shortest = LONGER * max([0.0, *(limit for limit in timed if limit is not None)])
     steps = min(MAX_STEPS, max(MIN_STEPS, steps, math.ceil(shortest / design.sample_time)))
-    experiment = replace(experiment_of(design, tried, steps), noise=design.noise)
+    experiment = experiment_of(design, tried, steps)
+    experiment = replace(experiment, noise=design.noise, settled=settled)
     space = space_around(best, today, design.sample_time)
     task = PidLoop(design.plants, design.pid, space, experiment, today, specs, objective)
     return task, remarks

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from zoac.controllers.pid import PID
@@ -37,6 +38,7 @@ class Experiment:
         reference: Height of the reference's step.
         loads: Heights of the load's step, one per plant.
         noise: Standard deviation of the measurement.
+        settled: Steps that a good loop takes to settle, its dead time included; 0: not known.
     """
 
     steps: int
@@ -44,6 +46,7 @@ class Experiment:
     reference: float
     loads: tuple[float, ...]
     noise: float = 0.0
+    settled: int = 0
 
     @property
     def noises(self) -> tuple[float, ...]:
@@ -101,6 +104,11 @@ class PidLoop(Task):
         self.objective = str(minimised)
         hard = [spec for spec in self.specs if spec.hard]
         self._strict = Judge(hard, strict, pid.sample_time, experiment.steps, space.named)
+
+    @cached_property
+    def shortest_horizon(self) -> int:
+        """See `Task.shortest_horizon`; here until a good loop has settled."""
+        return self.experiment.settled
 
     @property
     def loops(self) -> int:

@@ -33,9 +33,9 @@ class Begun(Tuner):
         pass
 
 
-def make(supports_snapshots=True, values=None, begin=Begun, **options):
+def make(supports_snapshots=True, values=None, begin=Begun, shortest=0, **options):
     problem = Problem(CountingTask.space, 3, 4, 10_000, 7, 0, start=values,
-                      supports_snapshots=supports_snapshots)  # fmt: skip
+                      supports_snapshots=supports_snapshots, shortest_horizon=shortest)  # fmt: skip
     return SuccessiveHalving(problem, begin, **{"fraction": 0.3, "rounds": 5, **options})
 
 
@@ -52,6 +52,13 @@ def test_the_horizon_grows_to_a_whole_episode():
     horizons = [segments[0].proposal.horizon for segments in run(make())]
     assert horizons == sorted(horizons)
     assert (horizons[0], horizons[-2:]) == (1, [7, 7])
+
+
+@pytest.mark.parametrize(("shortest", "first"), [(3, 3), (7, 7), (50, 7)])
+def test_no_round_is_shorter_than_what_the_problem_says_is_informative(shortest, first):
+    horizons = [segments[0].proposal.horizon for segments in run(make(shortest=shortest))]
+    assert horizons == sorted(horizons)
+    assert (horizons[0], horizons[-1]) == (first, 7)
 
 
 def test_it_takes_its_fraction_of_the_budget_and_the_tuner_has_the_rest():

@@ -107,6 +107,7 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
         start=baseline,
         supports_snapshots=task.restore_fault is None,
         baseline=baseline,
+        shortest_horizon=task.shortest_horizon,
     )
     env.close()
     make = _with_strategies(node, settings)

@@ -29,6 +29,8 @@ class Problem:
         start: Mapped reference parameters (d,), for tasks that have them.
         supports_snapshots: Whether environments can be restored to an earlier state.
         baseline: Mapped parameters (d,) of the baseline, a candidate of every final selection.
+        shortest_horizon: Steps from the start of an episode that can tell good parameters from bad
+            ones, such as a dead time and a rise time; 0: not known.
     """
 
     space: ParameterSpace
@@ -40,6 +42,7 @@ class Problem:
     start: np.ndarray | None = None
     supports_snapshots: bool = True
     baseline: np.ndarray | None = None
+    shortest_horizon: int = 0
 
     def rng(self, name: str) -> np.random.Generator:
         """Return the run's random stream called `name`, from its beginning."""

@@ -83,6 +83,14 @@ class Task(ABC):
         )
 
     @cached_property
+    def shortest_horizon(self) -> int:
+        """Steps from the start of an episode that can tell good parameters from bad ones.
+
+        A dead time and a rise time, say: successive halving looks no shorter. 0: not known.
+        """
+        return 0
+
+    @cached_property
     def horizon(self) -> probe.Horizon:
         """How long episodes are."""
         return probe.horizon(self)

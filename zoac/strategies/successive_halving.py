@@ -21,7 +21,8 @@ from zoac.rollout.outcomes import bad_is_infinite, cost_sums, ranking
 from zoac.strategies.base import Begin, StartSearch
 
 SHORTEST = 1 / 40
-"""Horizon of the first round, as a part of an episode's time limit."""
+"""Horizon of the first round, as a part of an episode's time limit; see also
+`Problem.shortest_horizon`."""
 
 MIN_POINTS = 4
 """Vectors in a round, at least; and in the last one, which spends its steps on several episodes."""
@@ -159,9 +160,13 @@ class SuccessiveHalving(StartSearch):
 
 
 def _horizons(problem: Problem, rounds: int) -> list[int]:
-    """Return each round's horizon: geometric from `SHORTEST` to a whole episode, and that again."""
+    """Return each round's horizon: geometric to a whole episode, and that again.
+
+    The first is `SHORTEST` of an episode, or what the problem says is informative.
+    """
     whole = problem.max_episode_steps
     if not problem.supports_snapshots or rounds < 3:
         return [whole] * rounds
     exponents = 1 - np.arange(rounds - 1) / (rounds - 2)
-    return [max(1, round(whole * SHORTEST**e)) for e in exponents] + [whole]
+    first = min(1.0, max(SHORTEST, problem.shortest_horizon / whole))
+    return [max(1, round(whole * first**e)) for e in exponents] + [whole]
