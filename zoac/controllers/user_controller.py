@@ -140,17 +140,19 @@ class ScalarController:
         self, params: Parameters, obs: np.ndarray, memory: Memory
     ) -> tuple[np.ndarray, Memory, Diagnostics]:
         """See `Controller.act`; but objects in `memory` change in place."""
+        given = {
+            name: [self._plain.get(name, float)(v) for v in values.tolist()]
+            for name, values in params.items()
+        }
+        given |= {name: [value] * len(obs) for name, value in self._fixed.items()}
         actions = []
         for env_index in range(len(obs)):
-            values = {
-                name: self._plain.get(name, float)(value[env_index])
-                for name, value in params.items()
-            }
+            values = {name: of_envs[env_index] for name, of_envs in given.items()}
             act = memory["controller"][env_index].act if self._remembers else self._controller
-            action = act({**values, **self._fixed}, obs[env_index].copy())
+            action = act(values, obs[env_index].copy())
             if action is None:
                 raise TypeError("act returned None, expected a number or an array")
-            actions.append(np.atleast_1d(np.asarray(action, dtype=np.float64)).reshape(-1))
+            actions.append(np.asarray(action, dtype=np.float64).reshape(-1))
         return np.stack(actions), memory, {}
 
 

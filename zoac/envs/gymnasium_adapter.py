@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -27,7 +28,7 @@ from zoac.envs.single_env import (
     applied_action_space,
     check_reset,
     drift_remarks,
-    env_action,
+    env_actions,
     flattened_remarks,
     own_time_limit,
 )
@@ -99,7 +100,7 @@ class GymnasiumVecEnv(VecEnv):
             self._numbers.put(env, self._numbers.fixed)
         self._draws: list[np.random.Generator] = [np.random.default_rng(0) for _ in envs]
         self._seen = np.zeros((len(envs), size))
-        self._watch: Watch = lambda env_index, method: contextlib.nullcontext()
+        self._watch: Watch | None = None
 
     def watch(self, watch: Watch) -> None:
         """See `VecEnv.watch`."""
@@ -157,24 +158,23 @@ class GymnasiumVecEnv(VecEnv):
         n = self.num_envs
         failures: dict[int, EnvironmentFailure] = {}
         cost, terminated, truncated = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
-        applied = np.zeros_like(actions)
+        taken = env_actions(self._taken, actions)
         measured = {INFO_BEFORE + key: numbers.copy() for key, numbers in self._info.items()}
+        self._steps += 1 if mask is None else mask
+        steps = self._steps.tolist()
         for env_index in range(n) if mask is None else np.flatnonzero(mask).tolist():
-            action = env_action(self._taken, actions[env_index])
-            applied[env_index] = np.reshape(action, -1)
-            self._steps[env_index] += 1
             try:
-                result = self._call(env_index, "step", action)
+                result = self._call(env_index, "step", taken[env_index])
                 observation, reward, terminated[env_index], cut, info = _parts(
                     result, "step", _STEP
                 )
                 self._see(env_index, observation)
                 self._measure(env_index, info, "step")
-                cost[env_index] = self._objective.cost(reward, info, int(self._steps[env_index]))
+                cost[env_index] = self._objective.cost(reward, info, steps[env_index])
             except EnvironmentFailure as failure:
                 failures[env_index], terminated[env_index] = failure, False
                 continue
-            over_time = self._steps[env_index] >= self.max_episode_steps
+            over_time = steps[env_index] >= self.max_episode_steps
             if over_time and not (self.limited or terminated[env_index] or cut):
                 raise ConfigError(
                     f"an episode has not ended after {self.max_episode_steps:,} steps; the "
@@ -182,6 +182,7 @@ class GymnasiumVecEnv(VecEnv):
                 )
             truncated[env_index] = (cut or over_time) and not terminated[env_index]
         measured |= {INFO + key: numbers.copy() for key, numbers in self._info.items()}
+        applied = np.array(taken, dtype=np.float64).reshape(actions.shape)
         infos = {"cost": cost, "failures": failures, "actions": applied, "measured": measured}
         return self._seen.copy(), -cost, terminated, truncated, infos
 
@@ -192,8 +193,11 @@ class GymnasiumVecEnv(VecEnv):
             EnvironmentFailure: If it raises.
         """
         try:
+            call = getattr(self._envs[env_index], method)
+            if self._watch is None:
+                return call(*arguments, **options)
             with self._watch(env_index, method):
-                return getattr(self._envs[env_index], method)(*arguments, **options)
+                return call(*arguments, **options)
         except ZoacError:
             raise
         except Exception as error:
@@ -228,12 +232,13 @@ class GymnasiumVecEnv(VecEnv):
                 f"the environment returned the observation {observation!r}, expected "
                 f"{self._seen.shape[1]} numbers as its observation_space says"
             ) from None
-        if flat.shape != self._seen[env_index].shape:
+        if flat.size != self._seen.shape[1]:
             raise EnvironmentContractError(
                 f"the environment returned an observation of {flat.size} numbers, expected "
                 f"{self._seen.shape[1]} as its observation_space says"
             )
-        if not np.isfinite(flat).all():
+        # The sum of squares, the quickest test, may also overflow.
+        if not math.isfinite(flat @ flat) and not np.isfinite(flat).all():
             raise EnvironmentFailure(
                 f"the environment returned the observation {flat.tolist()}; every number must be "
                 "finite"

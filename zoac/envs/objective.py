@@ -70,6 +70,8 @@ class Objective:
 
 def _number(value: Any, what: str, step: int) -> float:
     """Return one number, which may come as an array of one."""
+    if isinstance(value, float):
+        return float(value)
     try:
         array = np.asarray([] if value is None else value, dtype=np.float64)
     except (TypeError, ValueError):

@@ -129,20 +129,26 @@ def own_time_limit(env: gymnasium.Env) -> int | None:
     return min((limit for limit in limits if limit is not None), default=None)
 
 
-def env_action(space: gymnasium.Space, action: np.ndarray) -> Any:
-    """Return a controller's action (m,) as the environment takes it.
+def env_actions(space: gymnasium.Space, actions: np.ndarray) -> np.ndarray | list[int]:
+    """Return controllers' actions (n, m) as environments take them, one a row.
 
     Args:
-        space: Its action space: Discrete, where the nearest action counts, or Box, whose bounds
+        space: Their action space: Discrete, where the nearest action counts, or Box, whose bounds
             clip; of whole numbers the nearest counts.
-        action: What the controller returned.
+        actions: What the controllers returned.
     """
     if isinstance(space, Discrete):
-        return int(space.start + np.clip(round(float(action[0])) - space.start, 0, space.n - 1))
+        nearest = np.clip(np.rint(actions[:, 0]) - space.start, 0, space.n - 1)
+        return [int(space.start + k) for k in nearest]
     assert isinstance(space, Box)
     whole = np.issubdtype(space.dtype, np.integer)
-    action = (np.rint(action) if whole else action).reshape(space.shape)
-    return np.clip(action, space.low, space.high).astype(space.dtype)
+    actions = (np.rint(actions) if whole else actions).reshape(-1, *space.shape)
+    return np.clip(actions, space.low, space.high).astype(space.dtype)
+
+
+def env_action(space: gymnasium.Space, action: np.ndarray) -> Any:
+    """Return one controller's action (m,) as its environment takes it; see `env_actions`."""
+    return env_actions(space, action[None])[0]
 
 
 def applied_action_space(env: gymnasium.Env) -> gymnasium.Space:
