@@ -1,7 +1,8 @@
 """Learning curves (Fig. 3): `python -m zoac.analysis.curves runs --out figures`.
 
 Mean over seeds of any logged number, against environment steps or time, with the 95% interval
-of `zoac.analysis.statistics.stats` shaded; for fewer than five seeds, their range.
+of `zoac.analysis.statistics.stats` shaded; for fewer than five seeds, their range. Of more than
+four methods the interval stands right of the curves, at the end alone.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ from zoac.core.seeding import stream
 
 AXES = ("env_steps", "wall_seconds", "compute_seconds")
 STATISTICS = {"mean": mean, "iqm": interquartile_mean}
+MAX_BANDS = 4
+"""Bands of more curves in one panel cover one another."""
+
 MAX_POINTS = 100
 """Of a curve; against time, evaluations of different seeds never coincide."""
 
@@ -57,6 +61,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Draw learning curves; return the exit code."""
     parser = cli.parser("curves", "Learning curves (Fig. 3).", "figures", "--variant", "--format")
     parser.add_argument("--task", help="default: all tasks")
+    parser.add_argument(
+        "--tuners", metavar="NAME,...", help="show only these, such as zoac,zoac_reg,bo"
+    )
     parser.add_argument("--metric", help="any logged number; default: cost and prediction error")
     parser.add_argument("--against", choices=AXES, default=AXES[0])
     parser.add_argument("--statistic", choices=tuple(STATISTICS), default="mean")
@@ -65,6 +72,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _command(options: argparse.Namespace) -> None:
     collection = cli.of_variant(cli.load_runs(options), options)
+    if options.tuners is not None:
+        collection = collection.of_rows(options.tuners.split(","))
     panels = all_panels(
         collection, options.task, options.metric, options.against, options.statistic
     )
@@ -145,7 +154,9 @@ def draw_panel(
     against: str,
 ) -> None:
     """Draw one panel's curves into `axes`."""
-    for curve in sorted(panel.curves, key=lambda c: _prominence(c.method)):
+    several = sum(len(curve.x) > 1 for curve in panel.curves) > MAX_BANDS
+    end = max(curve.x[-1] for curve in panel.curves)
+    for k, curve in enumerate(sorted(panel.curves, key=lambda c: _prominence(c.method))):
         look, label = looks[curve.method], labels[curve.method]
         if len(curve.x) == 1:
             axes.axhline(
@@ -153,9 +164,16 @@ def draw_panel(
                 label=label,
             )  # fmt: skip
             continue
-        style.band(axes, curve.x, curve.low, curve.high, look)
         every = max(1, len(curve.x) // 8)
         axes.plot(curve.x, curve.centre, label=label, markevery=every, **look.line)
+        if not several:
+            style.band(axes, curve.x, curve.low, curve.high, look)
+            continue
+        centre, low, high = (float(part[-1]) for part in (curve.centre, curve.low, curve.high))
+        axes.errorbar(
+            end * (1.04 + 0.022 * k), centre, [[centre - low], [high - centre]],
+            **look.line, elinewidth=0.9, capsize=1.5,
+        )  # fmt: skip
     centres = np.concatenate([curve.centre for curve in panel.curves])
     above = centres[centres > 0]
     if not (centres < 0).any() and above.size and above.max() > 20 * above.min():
@@ -165,6 +183,10 @@ def draw_panel(
         axes.set_ylim(bottom=0.8 * max(lowest, 0.5 * above.min()))
     axes.set_ylabel(METRICS.get(panel.metric, panel.metric))
     axes.margins(x=0.02)
+    if several:
+        axes.set_xticks([tick for tick in axes.get_xticks() if 0 <= tick <= 1.001 * end])
+        axes.text(0.99, 0.98, "at the end", size="x-small", ha="right", va="top",
+                  transform=axes.transAxes)  # fmt: skip
     style.big_axis(axes, METRICS[against])
 
 

@@ -5,19 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+
+from zoac.analysis.figures import style
+
 FIGURES = Path(__file__).parents[1] / "docs" / "images"
 
 
 def pyplot() -> Any:
-    """Return matplotlib's pyplot, set to write SVG with its text as text."""
-    import matplotlib as mpl
-
+    """Return matplotlib's pyplot, set to the style of the project's figures."""
     mpl.use("svg")
-    mpl.rcParams.update(
-        {"svg.hashsalt": "zoac", "svg.fonttype": "none", "axes.titlesize": "medium"}
-    )
-    import matplotlib.pyplot as plt
-
+    mpl.rcParams.update({**style.SCREEN, "axes.prop_cycle": style.cycle()})
     return plt
 
 

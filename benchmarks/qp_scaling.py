@@ -25,6 +25,7 @@ from benchmarks.figures import FIGURES, pyplot, save
 from benchmarks.qp_solvers import LANES, closed_loop_problems
 from benchmarks.qp_ways import PEERS, RICCATI, Way, cpu_seconds, installed
 from tests.mpc.problems import dense_problems
+from zoac.analysis.figures import style
 from zoac.mpc.problem import PER_ENV, LinearisedProblem
 
 HORIZONS = (10, 25, 50, 100, 200)
@@ -93,10 +94,10 @@ def draw(
 ) -> None:
     """Write the figure of `docs/solver.md`."""
     figure, axes = pyplot().subplots(2, 2, figsize=(9, 6.4), layout="constrained")
-    colours = {name: f"C{index}" for index, name in enumerate(SHOWN)}
+    looks = dict(zip(SHOWN, style.cycle(), strict=False))
     for axis, (what, sizes, curves) in zip(axes.flat, panels, strict=False):
         for name, values in curves.items():
-            axis.loglog(sizes, values, marker=".", label=name, color=colours[name])
+            axis.loglog(sizes, values, label=name, **looks[name])
         axis.set(xlabel=what, ylabel="us per programme")
         axis.set_xticks(sizes, [str(size) for size in sizes])
         axis.minorticks_off()
@@ -104,7 +105,7 @@ def draw(
     last = axes[1, 1]
     for name, values in rates.items():
         ratios = np.array(values) / values[0]
-        last.plot(workers, ratios, marker=".", label=name, color=colours[name])
+        last.plot(workers, ratios, label=name, **looks[name])
     last.set(xlabel="workers (0: serial)", ylabel="steps per second, of serial", ylim=(0.0, None))
     last.set_xticks(workers)
     save(figure, FIGURES / "scaling_solver.svg")

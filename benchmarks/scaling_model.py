@@ -248,8 +248,8 @@ def draw(costs: Costs, folder: Path = FIGURES) -> None:
         plant = Plant(step)
         alone = throughput(plant, costs, 256, 0)
         ups = [throughput(plant, costs, 256, int(w)) / alone for w in counts]
-        axes[0].loglog(counts, ups, marker=".", label=f"{step:g} s")
-    axes[0].loglog(counts, counts, color="0.6", linestyle=":", label="ideal")
+        axes[0].loglog(counts, ups, label=f"{step:g} s")
+    axes[0].loglog(counts, counts, color="0.6", linestyle=":", marker="", label="ideal")
     axes[0].set(
         xlabel="workers", ylabel="speed-up over one process", title="256 environments, equal steps"
     )
@@ -258,8 +258,8 @@ def draw(costs: Costs, folder: Path = FIGURES) -> None:
         plant = Plant(0.1, std)
         alone = throughput(plant, costs, 256, 0)
         ups = [throughput(plant, costs, 256, int(w)) / alone for w in counts]
-        axes[1].loglog(counts, ups, marker=".", label=f"{std:g}")
-    axes[1].loglog(counts, counts, color="0.6", linestyle=":")
+        axes[1].loglog(counts, ups, label=f"{std:g}")
+    axes[1].loglog(counts, counts, color="0.6", linestyle=":", marker="")
     axes[1].set(xlabel="workers", title="256 environments, 0.1 s a step, unequal segments")
     axes[1].legend(title="std of a segment", fontsize=7, title_fontsize=7)
     save(figure, folder / "scaling_workers.svg")
@@ -269,9 +269,9 @@ def draw(costs: Costs, folder: Path = FIGURES) -> None:
     for step in (1e-4, 1e-3, 1e-2, 1e-1, 1.0):
         plant = Plant(step)
         hours = [budget / throughput(plant, costs, 256, int(w)) / 3600 for w in counts]
-        (line,) = axes[0].loglog(counts, hours, marker=".", label=f"{step:g} s")
+        (line,) = axes[0].loglog(counts, hours, label=f"{step:g} s")
         ten = budget / throughput(plant, costs, 10, 10) / 3600
-        axes[0].loglog([10], [ten], "o", color=line.get_color(), fillstyle="none")
+        axes[0].scatter([10], [ten], s=45, facecolors="none", edgecolors=line.get_color())
     axes[0].set(
         xlabel="workers",
         ylabel="hours",
@@ -281,7 +281,7 @@ def draw(costs: Costs, folder: Path = FIGURES) -> None:
     some = np.array([1, 2, 4, 10, 20, 50, 100, 256])
     for segment, segments in ((5, 1), (10, 4), (20, 5)):
         updates = budget / (some * segment * segments)
-        axes[1].loglog(some, updates, marker=".", label=f"N = {segment}, H = {segments}")
+        axes[1].loglog(some, updates, label=f"N = {segment}, H = {segments}")
     axes[1].set(
         xlabel="num_envs", ylabel="updates of the parameters", title="what 500,000 steps buy"
     )

@@ -47,14 +47,25 @@ def test_the_tables_of_variants_rebuild(tmp_path, name):
     same_bytes(tmp_path, RESULTS / "tables" / name)
 
 
-@pytest.mark.parametrize("task", ["mpc_tracking", "pid_acc", "pid_acc_code"])
-def test_learning_curves_rebuild(tmp_path, task):
-    kept = FIGURES / task
+FOUR = ["--variant", "none", "--metric", "cost_mean", "--tuners", "zoac,zoac_plus,bo,cmaes,nominal"]
+
+
+@pytest.mark.parametrize(
+    ("folder", "task", "options"),
+    [
+        ("mpc_tracking", "mpc_tracking", []),
+        ("four_tuners", "mpc_tracking", FOUR),
+        ("pid_acc", "pid_acc", []),
+        ("pid_acc_code", "pid_acc_code", []),
+    ],
+)
+def test_learning_curves_rebuild(tmp_path, folder, task, options):
+    kept = FIGURES / folder
     drawn_by = (FIGURES / "matplotlib.txt").read_text().strip()
     if drawn_by != matplotlib.__version__:
         pytest.skip(f"drawn by matplotlib {drawn_by}, whose bytes differ")
     arguments = ["--task", task, "--format", "svg", "--out", str(tmp_path)]
-    assert curves.main([str(RESULTS), *arguments]) == 0
+    assert curves.main([str(RESULTS), *arguments, *options]) == 0
     same_bytes(tmp_path, kept)
 
 

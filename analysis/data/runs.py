@@ -12,6 +12,9 @@ import numpy as np
 
 from zoac.core.errors import RunFolderError, suggest
 
+REGULARISED = "_reg"
+"""End of the name of a task whose tuner sees a regularised cost."""
+
 
 class Method(NamedTuple):
     """Task, tuner and variant: runs of one method differ in their seeds only."""
@@ -19,6 +22,11 @@ class Method(NamedTuple):
     task: str
     tuner: str
     variant: str | None
+
+    @property
+    def row(self) -> str:
+        """Its row in tables and figures: the tuner, `_reg` behind it with the regularised cost."""
+        return self.tuner + REGULARISED if self.task.endswith(REGULARISED) else self.tuner
 
     def __str__(self) -> str:
         variant = f" ({self.variant})" if self.variant else ""
@@ -155,6 +163,18 @@ class Collection:
             known = {run.method.task for run in self.runs}
             raise RunFolderError(f"no run of task {tasks[0]!r}; {suggest(tasks[0], known)}")
         return Collection(runs, self.skipped)
+
+    def of_rows(self, rows: Sequence[str]) -> Collection:
+        """Return the runs of the named rows (see `Method.row`), with every skipped folder.
+
+        Raises:
+            RunFolderError: If one has no run.
+        """
+        known = {run.method.row for run in self.runs}
+        for row in rows:
+            if row not in known:
+                raise RunFolderError(f"no run of tuner {row!r}; {suggest(row, known)}")
+        return Collection(tuple(r for r in self.runs if r.method.row in rows), self.skipped)
 
     def of_variant(self, variant: str) -> Collection:
         """Return the runs of the named variant, and untuned ones, with every skipped folder.

@@ -25,7 +25,7 @@ FRAMES, PER_SECOND = 120, 12
 HOLD = 12
 """Frames for which the end stands still."""
 SIZE, DPI = (8.0, 3.6), 100
-COLOURS = ("#b3571f", "#0072B2")
+LOOKS = (style.BEFORE, style.AFTER)
 
 
 def write(path: Path, run: Run) -> None:
@@ -54,8 +54,9 @@ def write(path: Path, run: Run) -> None:
 
 
 def frames(task: Task, segments: Sequence[Segment], titles: Sequence[str]) -> Iterator[np.ndarray]:
-    """Yield pictures (height, width, 3) uint8 of the segments side by side.
+    """Yield pictures (height, width, 3) uint8 of the segments side by side, over one plot of both.
 
+    The plot shows both courses from the first picture on, so that the difference is seen at once.
     The film ends where the last segment has settled.
     """
     last = replay.settled(task, segments[-1:])
@@ -76,26 +77,30 @@ def _frame(
     figure = Figure(figsize=SIZE, dpi=DPI)
     canvas = FigureCanvasAgg(figure)
     longest = max(shown, key=lambda trace: len(trace.x))
-    ordinates = np.concatenate([trace.y[: last + 1] for trace in shown])
-    margin = 0.06 * max(np.ptp(ordinates), 1e-9)
+    plot = figure.add_axes((0.085, 0.13, 0.895, 0.27))
     for k, (segment, trace, title) in enumerate(zip(segments, shown, titles, strict=True)):
-        left, colour = k / len(segments), COLOURS[k % len(COLOURS)]
+        left, look = k / len(segments), LOOKS[k % len(LOOKS)]
         width, here = 1 / len(segments), min(step, segment.length)
-        scene = figure.add_axes((left + 0.01, 0.42, width - 0.02, 0.46))
+        scene = figure.add_axes((left + 0.01, 0.44, width - 0.02, 0.45))
         if not task.draw(scene, segment, here):
             scene.set_axis_off()
-        cost = f"cost so far {segment.costs[:here].sum():,.1f}"
-        figure.text(left + 0.02, 0.93, title, color=colour, size=11, weight="bold")
-        figure.text(left + width - 0.02, 0.93, cost, color=colour, size=9, ha="right")
-        plot = figure.add_axes((left + 0.075, 0.13, width - 0.095, 0.26))
-        plot.plot(trace.x[: here + 1], trace.y[: here + 1], color=colour, linewidth=1.6)
+        cost = f"cost {segment.costs.sum():,.1f}"
+        figure.text(left + 0.02, 0.93, title, color=look.colour, size=11, weight="bold")
+        figure.text(left + width - 0.02, 0.93, cost, color=look.colour, size=10, ha="right")
+        line = {"color": look.colour, "linestyle": look.dashes}
+        plot.plot(trace.x[: last + 1], trace.y[: last + 1], linewidth=1.0, alpha=0.35, **line)
+        plot.plot(trace.x[: here + 1], trace.y[: here + 1], linewidth=1.8, **line)
+        plot.plot(trace.x[here : here + 1], trace.y[here : here + 1], "o", color=look.colour, ms=5)
         if segment.terminated and step >= segment.length:
-            plot.plot(trace.x[-1], trace.y[-1], "x", color=colour, markersize=7)
-            plot.set_title("episode ended: error too large", color=colour, size=9)
-        plot.set_xlim(longest.x[0], longest.x[min(last, len(longest.x) - 1)])
-        plot.set_ylim(ordinates.min() - margin, ordinates.max() + margin)
-        plot.set_xlabel(trace.x_label, labelpad=1)
-        plot.set_ylabel(trace.title)
+            plot.plot(trace.x[-1], trace.y[-1], "x", color=look.colour, markersize=9)
+            figure.text(left + 0.02, 0.875, "episode ended: error too large", color=look.colour,
+                        size=9)  # fmt: skip
+    ordinates = np.concatenate([trace.y[: last + 1] for trace in shown])
+    margin = 0.06 * max(np.ptp(ordinates), 1e-9)
+    plot.set_xlim(longest.x[0], longest.x[min(last, len(longest.x) - 1)])
+    plot.set_ylim(ordinates.min() - margin, ordinates.max() + margin)
+    plot.set_xlabel(longest.x_label, labelpad=1)
+    plot.set_ylabel(longest.title)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 

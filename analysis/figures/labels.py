@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from zoac.analysis.data.runs import Method, Run
+from zoac.analysis.data.runs import REGULARISED, Method, Run
 
 TUNERS = {
     "zoac": "ZOAC",
@@ -14,8 +14,6 @@ TUNERS = {
     "cmaes_full": "CMA-ES (full, mean)",
     "es": "ES",
     "random": "Random search",
-    "nevergrad": "Nevergrad",
-    "optuna": "Optuna",
     "nominal": "Nominal",
 }
 TASKS = {
@@ -29,7 +27,6 @@ TASKS = {
     "lane_change": "Lane change",
 }
 VARIANTS = {"authors_code": "(authors' code)"}
-REGULARISED = "_reg"
 METRICS = {
     "cost_mean": "Cumulative cost",
     "prediction_error": "Prediction error",

@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 from zlib import crc32
 
 import matplotlib as mpl
+from cycler import Cycler, cycler
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from zoac.analysis import cli
 from zoac.analysis.data.runs import Method
-from zoac.analysis.figures.labels import REGULARISED, stands_apart
+from zoac.analysis.figures.labels import stands_apart
 from zoac.runs import responses
 
 COLUMN, PAGE = 3.5, 7.16
@@ -118,7 +119,7 @@ _PAPER = {
     "ytick.labelsize": 7,
     "legend.fontsize": 7,
 }
-_SCREEN = {
+SCREEN = {
     **_SHARED,
     # Text stays text: small files, and the reader's own fonts.
     "svg.fonttype": "none",
@@ -130,6 +131,8 @@ _SCREEN = {
     "ytick.labelsize": 8,
     "legend.fontsize": 8,
 }
+"""Settings of matplotlib for figures on a page."""
+
 # Nothing in a file says when, or by which version, it was made.
 _METADATA: dict[str, dict[str, Any]] = {
     "svg": {"Date": None, "Creator": None},
@@ -145,11 +148,17 @@ def paper() -> AbstractContextManager[None]:
 
 def screen() -> AbstractContextManager[None]:
     """Draw and save figures for the report, likewise."""
-    return mpl.rc_context(_complete(_SCREEN))
+    return mpl.rc_context(_complete(SCREEN))
 
 
 def _complete(settings: Any) -> Any:
     return {**mpl.rcParamsDefault, "backend": "agg", **settings}
+
+
+def cycle() -> Cycler:
+    """Return colours, dashes and markers for the lines of figures that compare no tuners."""
+    lines = [look.line for look in LOOKS.values() if look is not NOMINAL]
+    return cycler(**{key: [line[key] for line in lines] for key in lines[0]})
 
 
 def looks(methods: Iterable[Method]) -> dict[Method, Look]:
@@ -158,19 +167,15 @@ def looks(methods: Iterable[Method]) -> dict[Method, Look]:
     Variants that stand beside others have dashes of their own, as their labels have a name.
     """
     methods = sorted(set(methods), key=lambda m: (m.tuner, m.task, m.variant or ""))
-    of_key = LOOKS | _spare({_key(method) for method in methods} - LOOKS.keys())
+    of_key = LOOKS | _spare({method.row for method in methods} - LOOKS.keys())
     dashes = _probed(sorted({m.variant for m in methods if m.variant}), len(_OF_VARIANTS))
     chosen = {}
     for method in methods:
-        chosen[method] = look = of_key[_key(method)]
+        chosen[method] = look = of_key[method.row]
         if method.variant and stands_apart(method, methods):
             own = _OF_VARIANTS[dashes[method.variant] % len(_OF_VARIANTS)]
             chosen[method] = look._replace(dashes=own, filled=True)
     return chosen
-
-
-def _key(method: Method) -> str:
-    return f"{method.tuner}_reg" if method.task.endswith(REGULARISED) else method.tuner
 
 
 def _spare(names: Iterable[str]) -> dict[str, Look]:

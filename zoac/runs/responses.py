@@ -169,5 +169,6 @@ def draw(axes: Axes, table: pd.DataFrame, name: str, specs: Sequence[Mapping[str
             label="Limit",
         )  # fmt: skip
     axes.margins(x=0.01)
+    axes.spines[["top", "right"]].set_visible(False)
     axes.grid(color="#e4e4e4", lw=0.5)
     axes.set_axisbelow(True)
