@@ -25,7 +25,7 @@ RESERVED = frozenset({
     "format", "task", "tuner", "seed", "variant", "config_hash", "kind", "final", "x", "parameters",
     "env_steps", "cost_mean", "cost_std", "cost_per_episode", "episode_lengths", "terminations",
     "violations", "violations_by_constraint", "env_restarts", "tuning_terminations",
-    "baseline_cost_mean", "baseline", "acceptance_test", "select", "held_specs", "warnings",
+    "baseline_cost_mean", "baseline", "acceptance_test", "select", "held_specs", "warnings", "shown",
     "failures",
     "first_failure", "specs", "by_spec", *CLOCKS,
 })  # fmt: skip
