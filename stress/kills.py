@@ -62,7 +62,7 @@ def outcome(folder: Path) -> list[str]:
 
 
 class ForkedWorker:
-    """What `zoac.executors.process` needs of a `subprocess.Popen`: a forked worker."""
+    """What `zoac.executors.process` needs of a worker: here forked from this process."""
 
     def __init__(self, *_arguments: Any, **_options: Any) -> None:
         requests, to_worker = os.pipe()
@@ -205,7 +205,8 @@ def main() -> None:
     choices = {group: sorted(p.stem for p in (CONF / group).glob("*.yaml"))
                for group in ("task", "tuner")}  # fmt: skip
     parser.add_argument("--kills", type=int, default=30, help="kills of each pair")
-    parser.add_argument("--tasks", nargs="*", default=choices["task"])
+    parser.add_argument("--tasks", nargs="*",
+                        default=[t for t in choices["task"] if t != "program"])  # fmt: skip
     parser.add_argument("--tuners", nargs="*",
                         default=[t for t in choices["tuner"] if t != "nominal"])  # fmt: skip
     parser.add_argument("--executors", nargs="*", default=list(EXECUTORS))
@@ -213,7 +214,7 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, help="where the folders of a difference go")
     options = parser.parse_args()
     if not options.own_workers:
-        vars(process)["subprocess"] = SimpleNamespace(Popen=ForkedWorker, PIPE=None)
+        vars(process)["guard"] = SimpleNamespace(started=ForkedWorker, kill=ForkedWorker.kill)
     importlib.import_module("zoac.training.lifecycle")
     for group, names in (("task", options.tasks), ("tuner", options.tuners)):
         for name in names:

@@ -26,6 +26,7 @@ from zoac.rollout.task import Task
 from zoac.specs.judge import check
 from zoac.specs.signals import Signal
 from zoac.specs.spec import Spec
+from zoac.tasks.user_fmu import FmuFile
 from zoac.tasks.user_space import parse_space
 from zoac.tasks.user_specs import (
     objective_text,
@@ -176,12 +177,17 @@ def user_task(
     signals: Mapping[str, Any] | None = None,
     sample_time: float | None = None,
     specs: Sequence[Any] = (),
+    observations: Sequence[str] | None = None,
+    actions: Sequence[str] | Mapping[str, Bounds] | None = None,
+    cost: Any = None,
+    step_size: float | None = None,
+    stop_time: float | None = None,
 ) -> UserTask:
     """Return a task from what a user has; the `_target_` of a YAML file of his own.
 
     Args:
         env: A Gymnasium id, a function (or class) that makes an environment, its dotted path, or
-            an environment.
+            an environment; or the path of an `.fmu` file.
         controller: See `zoac.controllers.user_controller.as_controller`; or the dotted path of such
             a thing.
         space: See `zoac.tasks.user_space.parse_space`.
@@ -201,6 +207,11 @@ def user_task(
         sample_time: Seconds of a step; None: the environment's attribute `sample_time` or `dt`, or
             what its metadata say.
         specs: Requirements on whole episodes; see `zoac.tasks.user_specs.specs_of`.
+        observations: Of an FMU: names of variables; see `zoac.envs.FmuEnv`, also for the others.
+        actions: Of an FMU: names of inputs, or bounds [low, high] by name.
+        cost: Of an FMU: a variable, a function of {name: value}, or the dotted path of one.
+        step_size: Of an FMU: seconds of a step.
+        stop_time: Of an FMU: seconds of an episode.
 
     Raises:
         ConfigError: If any of them cannot be used.
@@ -213,6 +224,12 @@ def user_task(
     for what, numbers in (("plant", plant), ("vary", vary)):
         if not isinstance(numbers, Mapping | None):
             raise ConfigError(f"{what}={numbers!r}: expected numbers by attribute")
+    of_fmu = {"observations": observations, "actions": actions, "cost": cost,
+              "step_size": step_size, "stop_time": stop_time}  # fmt: skip
+    if isinstance(env, str) and env.endswith(".fmu"):
+        env = FmuFile(env, **of_fmu)
+    elif given := [name for name, value in of_fmu.items() if value is not None]:
+        raise ConfigError(f"{', '.join(given)}: only for an FMU, with env: <path>.fmu")
     if isinstance(env, str) and _DOTTED.fullmatch(env):
         kinds = (gymnasium.Env,)
         wanted = "a gymnasium.Env, its class, or a function that makes one"

@@ -123,10 +123,15 @@ def _run(config: DictConfig, again: bool = False) -> None:
     plain["variant"] = variant_of(plain, list(job.overrides.task))
     if again:
         plain["resume"] = "auto"
+    choices = job.runtime.choices
     # Imported here: --help and config errors must not wait for torch.
+    from zoac.cli.experiments import is_program, run_experiments
+
+    if is_program(plain):
+        run_experiments(plain, task=choices["task"], tuner=choices["tuner"])
+        return
     from zoac.training.lifecycle import run_session
 
-    choices = job.runtime.choices
     names = {group: choices[group] for group in ("task", "tuner", "fidelity")}
     run_session(plain, command=sys.argv, **names)
 

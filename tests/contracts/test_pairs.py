@@ -15,7 +15,8 @@ NUM_ENVS, STEPS, BUDGET = 2, 12, 100
 
 
 def names(group):
-    return sorted(p.stem for p in (CONF / group).glob("*.yaml"))
+    """The files of a group; a task without an environment has tests of its own."""
+    return sorted(p.stem for p in (CONF / group).glob("*.yaml") if p.stem != "program")
 
 
 @pytest.mark.parametrize("tuner", names("tuner"))

@@ -2,22 +2,24 @@
 
 import sys
 import zipfile
+from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.spaces import Box
+from pythonfmu import builder  # of the extra `dev`
 
 import zoac
+from zoac.config import factory
+from zoac.config.fingerprint import described
 from zoac.core.errors import ConfigError, EnvironmentFailure, UnsavableError
 from zoac.core.segments import Proposal
-from zoac.envs import fmu as fmu_module
 from zoac.envs.fmu import FmuEnv
+from zoac.envs.fmu_instance import Fmu2
 from zoac.rollout.engine import RolloutEngine
+from zoac.tasks.user_fmu import FmuFile
 from zoac.tasks.user_task import user_task
-
-pytest.importorskip("fmpy")
-builder = pytest.importorskip("pythonfmu.builder")
 
 MODEL = """
 from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
@@ -152,8 +154,8 @@ def test_one_that_cannot_be_saved_serves_tuners_of_whole_episodes(build):
 
 def test_one_instance_serves_every_episode(path, monkeypatch):
     made = []
-    instance = fmu_module._instance
-    monkeypatch.setattr(fmu_module, "_instance", lambda *a: made.append(a) or instance(*a))
+    init = Fmu2.__init__
+    monkeypatch.setattr(Fmu2, "__init__", lambda *a: made.append(a) or init(*a))
     task = user_task(env=lambda: fmu(path), controller=pd, space={"kp": (0, 9), "kd": (0, 9)})
     group = RolloutEngine(task, [0], [0])
     x = task.space.normalise({"kp": 2.0, "kd": 2.0})
@@ -223,6 +225,44 @@ def test_files_that_cannot_be_used_are_named(path, tmp_path):
             fmu(elsewhere)
     with pytest.raises(ConfigError, match="without co-simulation|cannot be read"):
         fmu(newer)
+
+
+NAMED = {"observations": ["position", "speed"], "actions": {"force": [-5.0, 5.0]},
+         "cost": "tests.envs.test_fmu.quadratic", "step_size": STEP, "stop_time": STOP}  # fmt: skip
+
+
+def test_a_configuration_names_an_fmu(path):
+    def named(**options):
+        node = {"_target_": "zoac.tasks.user_task.user_task", "env": str(path),
+                "controller": "tests.envs.test_fmu.pd", "space": {"kp": [0, 10], "kd": [0, 10]},
+                **NAMED, **options}  # fmt: skip
+        return factory.build_task({"task": node})
+
+    options = {"tuner": "cmaes_full", "budget": 2000, "num_envs": 2, "episodes": 1,
+               "final_episodes": 2, "quiet": True}  # fmt: skip
+    found = zoac.tune(task=named(), executor="process", **options)
+    assert found.parameters == tuned(lambda: fmu(path), tuner="cmaes_full").parameters
+    by_variable = zoac.tune(task=named(cost="position"), **options)
+    assert by_variable.cost_mean < found.cost_mean
+    for changed, says in (
+        ({"step_size": None}, "an FMU needs step_size too"),
+        ({"cost": "tests.envs.test_fmu.nothing"}, "cost: no 'nothing' in tests.envs.test_fmu"),
+        ({"cost": "posiiton"}, "no real variable 'posiiton'; did you mean 'position'"),
+        ({"env": "Pendulum-v1"}, "observations, actions, cost, step_size, stop_time: only for an"),
+        ({"env": "absent.fmu"}, "there is no file 'absent.fmu'"),
+    ):
+        with pytest.raises(ConfigError, match=says):
+            named(**changed)
+
+
+def test_another_fmu_under_the_same_name_is_another_environment(path, build, tmp_path):
+    used = tmp_path / "used.fmu"
+    texts = []
+    for source in (path, build(MODEL.replace("0.1 * self.speed", "0.2 * self.speed"))):
+        used.write_bytes(Path(source).read_bytes())
+        texts.append(described(FmuFile(str(used), **NAMED)))
+    assert texts[0] != texts[1]
+    assert described(FmuFile(str(used), **NAMED)) == texts[1]
 
 
 def test_without_the_library_the_extra_is_named(path, monkeypatch):

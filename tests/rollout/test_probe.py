@@ -22,7 +22,8 @@ from zoac.core.errors import ConfigError
 from zoac.tasks.user_task import user_task
 from zoac.training.trainer import Trainer
 
-TASKS = sorted(p.stem for p in (Path(__file__).parents[2] / "conf" / "task").glob("*.yaml"))
+FILES = (Path(__file__).parents[2] / "conf" / "task").glob("*.yaml")
+TASKS = sorted({p.stem for p in FILES} - {"program"})  # it has no environment
 
 
 def task(env, **options):

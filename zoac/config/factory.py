@@ -67,8 +67,21 @@ def _checked(
     return call
 
 
+PROGRAM = "zoac.studies.program.ProgramTask"
+"""The `_target_` of a task without an environment: experiments of an external program."""
+
+
 def build_task(config: Mapping[str, Any]) -> Task:
-    """Return the task of a resolved configuration."""
+    """Return the task of a resolved configuration.
+
+    Raises:
+        ConfigError: If it cannot be made, or has no environment.
+    """
+    if config["task"].get(TARGET) == PROGRAM:
+        raise ConfigError(
+            "task=program has no environment; experiments of a program are made by "
+            "python -m zoac.run and zoac.tune(cost=zoac.program(...)) alone"
+        )
     task = build(config["task"], "task", Task)
     return with_failures(task, config)
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import inspect
 import queue
+import shlex
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import suppress
 from pathlib import Path
@@ -69,8 +70,37 @@ def tune_cost(
         raise RunFolderError(f"{where}: another process carries out this study") from None
     except KeyboardInterrupt:
         raise _interrupted(study, again) from None
-    _ = study.best  # says that none has succeeded
+    best = study.best  # says that none has succeeded
+    if not quiet:
+        print("\n".join(_told(study, best)), flush=True)
     return result_of(read_result(where), study.settings.fixed, where, None)
+
+
+def _told(study: Study, best: Trial) -> Iterator[str]:
+    """Yield the last lines of a study for the console."""
+    units = {p.name: p.unit for p in study.settings.space.parameters}
+    for name, value in best.parameters.items():
+        number = format(value, ".6g") if isinstance(value, float) else value
+        yield f"  {name} = {number} {units.get(name, '')}".rstrip()
+    baseline = study.trial(1)
+    compared = f"; baseline values: {told(baseline)}" if study.settings.baseline_first else ""
+    yield f"  {told(best)}, experiment {best.number} of {study.settings.experiments}{compared}"
+    result = read_result(study.folder)
+    if (test := result.get("acceptance_test")) is not None:
+        verdict = "the answer beats" if test["accepted"] else "no better was found, it is"
+        yield f"  acceptance test: {verdict} the baseline values: {test['text']}"
+    if result["failures"]:
+        yield f"  failures: {result['failures']}, the first: {_line(result['first_failure'])}"
+    yield from (f"  WARNING: {sentence}" for sentence in result["warnings"])
+    folder = shlex.quote(str(study.folder))
+    yield f"  study folder: {folder}"
+    yield f"  a page about it: python -m zoac.analysis.report {folder}"
+
+
+def _line(text: str) -> str:
+    """Return the first and the last line of a text as one: a program's last words tell most."""
+    first, *others = text.splitlines()
+    return f"{first.removesuffix(': its last lines')}: {others[-1].strip()}" if others else first
 
 
 def carry_out(study: Study, cost: Cost, *, workers: int = 1, quiet: bool = True) -> None:
@@ -148,8 +178,7 @@ class _Work:
         ended = self._study.tell(trial, **result)
         if not self._quiet:
             total = self._study.settings.experiments
-            reason = told(ended).partition("\n")[0]
-            print(f"experiment {ended.number} of {total}: {reason}", flush=True)
+            print(f"experiment {ended.number} of {total}: {_line(told(ended))}", flush=True)
 
 
 def _interrupted(study: Study, again: str) -> Interrupted:

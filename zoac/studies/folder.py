@@ -29,7 +29,10 @@ is_done = schema.is_done
 
 
 def opened(
-    folder: Path, settings: StudySettings | None, trial_timeout: float | None
+    folder: Path,
+    settings: StudySettings | None,
+    trial_timeout: float | None,
+    called: tuple[str, str | None],
 ) -> tuple[StudySettings, float | None]:
     """Return settings and time limit of the study in a folder, which is begun if there is none.
 
@@ -38,6 +41,7 @@ def opened(
         settings: What the caller wants; None: whatever is there.
         trial_timeout: Seconds after which a trial is abandoned; None: what the study was begun
             with.
+        called: Name and variant of a study that is begun, for tables.
 
     Raises:
         ConfigError: If the settings cannot be used.
@@ -45,7 +49,7 @@ def opened(
     """
     seconds("trial_timeout", trial_timeout)
     if settings is not None:
-        _begin(folder, settings, trial_timeout)
+        _begin(folder, settings, trial_timeout, called)
     record = schema.read_run(folder)
     if "study" not in record:
         raise RunFolderError(f"{folder} holds a run, not a study; choose another folder")
@@ -59,7 +63,12 @@ def opened(
     return found, trial_timeout or record["study"]["trial_timeout"]
 
 
-def _begin(folder: Path, settings: StudySettings, trial_timeout: float | None) -> None:
+def _begin(
+    folder: Path,
+    settings: StudySettings,
+    trial_timeout: float | None,
+    called: tuple[str, str | None],
+) -> None:
     """Write `run.json` unless there is one."""
     if not (folder / schema.RUN).exists():
         check(settings)
@@ -67,21 +76,21 @@ def _begin(folder: Path, settings: StudySettings, trial_timeout: float | None) -
         folder.mkdir(parents=True, exist_ok=True)
         with locked(folder / ".lock", wait=True):
             if not (folder / schema.RUN).exists():
-                schema.write_json(folder / schema.RUN, _record(folder, settings, trial_timeout))
+                record = {**_record(settings), "study": {"trial_timeout": trial_timeout}}
+                record["task"], record["variant"] = called
+                schema.write_json(folder / schema.RUN, record)
     except OSError as error:
         raise RunFolderError(
             f"cannot make or use the folder {folder}: {error.strerror}; choose another"
         ) from None
 
 
-def _record(folder: Path, settings: StudySettings, trial_timeout: float | None) -> dict[str, Any]:
+def _record(settings: StudySettings) -> dict[str, Any]:
     config = settings.config()
     return {
         "format": schema.FORMAT,
-        "task": folder.resolve().name,
         "tuner": settings.tuner,
         "seed": settings.seed,
-        "variant": None,
         "config": config,
         "config_hash": schema.config_hash(config),
         "command": list(sys.argv),
@@ -90,7 +99,6 @@ def _record(folder: Path, settings: StudySettings, trial_timeout: float | None) 
         "parameters": [asdict(p) for p in settings.space.parameters],
         "fixed": settings.fixed,
         "nominal": settings.baseline,
-        "study": {"trial_timeout": trial_timeout},
         **here_and_now(),
     }
 

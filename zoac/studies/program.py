@@ -12,10 +12,12 @@ import tempfile
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from zoac.core.errors import ConfigError, ZoacError
+from zoac.core.types import Count, Natural, Positive
 from zoac.executors import guard
 from zoac.studies.settings import seconds
 
@@ -24,6 +26,44 @@ FILE = "{file}"
 
 LAST_LINES = 5
 """Lines of a failed program's output that the message shows."""
+
+
+@dataclass(frozen=True)
+class ProgramTask:
+    """Experiments of an external program, as `python -m zoac.run task=program` makes them.
+
+    Args:
+        command: The program and its arguments; see `zoac.program`.
+        space: What is tuned, as `zoac.tune` takes it.
+        baseline: Values in use today, by name; they are the first experiment.
+        constraints: Limits by name.
+        experiments: How often the program is run.
+        timeout: Seconds after which a run is killed and has failed; None: never.
+        retries: How often a run that crashed, hung or gave no answer is repeated.
+        cwd: The folder it runs in; None: the current one.
+    """
+
+    command: list[str] | str | None = None
+    space: dict[str, Any] | None = None
+    baseline: dict[str, Any] | None = None
+    constraints: dict[str, float] | None = None
+    experiments: Count = 60
+    timeout: Positive | None = None
+    retries: Natural = 0
+    cwd: str | None = None
+
+    def cost(self) -> Program:
+        """Return the program.
+
+        Raises:
+            ConfigError: If it is not named, or cannot be run.
+        """
+        if self.command is None:
+            raise ConfigError(
+                "task.command: a value is needed, the program and its arguments, such as "
+                "task.command=[./simulate,--quick]"
+            )
+        return program(self.command, timeout=self.timeout, retries=self.retries, cwd=self.cwd)
 
 
 class ProgramError(ZoacError):

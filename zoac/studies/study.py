@@ -64,6 +64,8 @@ class Study:
         initial_samples: int | None = None,
         tuner_options: Mapping[str, Any] | None = None,
         trial_timeout: float | None = None,
+        name: str | None = None,
+        variant: str | None = None,
     ) -> None:
         """
         Args:
@@ -89,6 +91,8 @@ class Study:
             tuner_options: By name.
             trial_timeout: Seconds after which a trial without a result is abandoned, at the next
                 `ask`; None: never.
+            name: What tables and reports call a new study; None: its folder's name.
+            variant: What tells it, in tables, from studies of the same name, tuner and seed.
 
         Raises:
             ConfigError: If something given cannot be used.
@@ -106,7 +110,9 @@ class Study:
                 initial_samples=initial_samples, tuner_options=tuner_options,
             )  # fmt: skip
         self.folder = path
-        self.settings, self.trial_timeout = files.opened(path, settings, trial_timeout)
+        self.settings, self.trial_timeout = files.opened(
+            path, settings, trial_timeout, (name or path.resolve().name, variant)
+        )
         self._journal = Journal(path)
         self._ledger = Ledger(self.settings.limits)
         self._mutex = threading.RLock()

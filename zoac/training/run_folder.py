@@ -13,6 +13,7 @@ from typing import Any
 from zoac.core.errors import ConfigError, RunFolderError
 from zoac.runs import schema
 from zoac.runs.lock import HeldError, locked
+from zoac.studies.journal import JOURNAL
 
 
 def of(config: Mapping[str, Any], task: str, tuner: str) -> Path:
@@ -74,7 +75,7 @@ def prepare(folder: Path, config: Mapping[str, Any]) -> bool:
     """
     resume = config["resume"]
     if resume == "overwrite":
-        _empty(folder)
+        empty(folder)
         return False
     if not (folder / schema.RUN).exists():
         if (folder / schema.CHECKPOINTS).exists() or schema.is_done(folder):
@@ -106,7 +107,7 @@ def prepare(folder: Path, config: Mapping[str, Any]) -> bool:
     return schema.is_done(folder)
 
 
-def _empty(folder: Path) -> None:
+def empty(folder: Path) -> None:
     """Delete the run. If interrupted, what remains still identifies this run or is empty.
 
     Raises:
@@ -124,5 +125,7 @@ def _empty(folder: Path) -> None:
         ) from None
 
 
-PARTS = (schema.RESULT, schema.RESPONSES, schema.METRICS, schema.TASK, schema.RUN)
+PARTS = (
+    schema.RESULT, schema.RESPONSES, schema.METRICS, schema.TASK, JOURNAL, schema.RUN,
+)  # fmt: skip
 """Files of a run, in the order in which they are deleted."""
