@@ -14,8 +14,7 @@ from gymnasium.wrappers import TimeLimit
 import zoac
 from zoac.core.state import decode, encode
 from zoac.envs.gymnasium_adapter import GymnasiumVecEnv
-from zoac.envs.mujoco_state import is_mujoco
-from zoac.envs.snapshots import restored, saved, saved_by
+from zoac.envs.snapshots import is_mujoco, restored, saved, saved_by
 from zoac.tasks.user_task import user_task
 
 MODEL = """

@@ -20,7 +20,7 @@ from zoac.core.errors import (
     StudyFinished,
     TrialsPending,
 )
-from zoac.studies.journal import JOURNAL
+from zoac.runs.schema import JOURNAL
 from zoac.studies.settings import TUNERS
 from zoac.studies.study import Study
 

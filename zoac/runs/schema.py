@@ -30,6 +30,8 @@ FORMAT = 1
 RUN, METRICS, RESULT = "run.json", "metrics.jsonl", "result.json"
 RESPONSES = "responses.csv"
 CHECKPOINTS = "checkpoint"
+JOURNAL = "journal.jsonl"
+"""Of a study."""
 TASK = "task.pkl"
 """The task of a run that was not started from a YAML file."""
 

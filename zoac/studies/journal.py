@@ -20,9 +20,7 @@ from typing import Any
 
 from zoac.core.errors import RunFolderError
 from zoac.runs.lock import locked
-from zoac.runs.schema import json_line, sync_folder
-
-JOURNAL = "journal.jsonl"
+from zoac.runs.schema import JOURNAL, json_line, sync_folder
 
 
 class Journal:

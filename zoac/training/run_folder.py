@@ -13,7 +13,6 @@ from typing import Any
 from zoac.core.errors import ConfigError, RunFolderError
 from zoac.runs import schema
 from zoac.runs.lock import HeldError, locked
-from zoac.studies.journal import JOURNAL
 
 
 def of(config: Mapping[str, Any], task: str, tuner: str) -> Path:
@@ -126,6 +125,6 @@ def empty(folder: Path) -> None:
 
 
 PARTS = (
-    schema.RESULT, schema.RESPONSES, schema.METRICS, schema.TASK, JOURNAL, schema.RUN,
+    schema.RESULT, schema.RESPONSES, schema.METRICS, schema.TASK, schema.JOURNAL, schema.RUN,
 )  # fmt: skip
 """Files of a run, in the order in which they are deleted."""
