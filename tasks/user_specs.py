@@ -107,11 +107,8 @@ def _spec(given: Any, where: str) -> Spec:
         arguments["loop"] = locate_code(loop, f"{where}.{name}.loop", (), (), wanted)
     if isinstance(over := arguments.get("over"), Mapping) and set(over) == {"cvar"}:
         arguments["over"] = requirements.cvar(over["cvar"])
-    try:
-        return make(**arguments)
-    except TypeError:
-        needed = ", ".join(own)
-        raise ConfigError(f"{where}.{name}={arguments!r}: expected {needed}") from None
+    made: Spec = make(**arguments)
+    return made
 
 
 LIMITS = ("max", "min", "over", "weight", "window")

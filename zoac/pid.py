@@ -10,7 +10,6 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from zoac import specs as requirements
 from zoac.cli.pipes import reader_may_leave
 from zoac.core.errors import ConfigError, ZoacError, suggest
 from zoac.pid_tuning import PidResult, tune_pid
@@ -46,7 +45,6 @@ def from_file(path: str | Path) -> PidResult:
     plants = given.pop("plant")
     several = isinstance(plants, list)
     systems = [_system(plant) for plant in (plants if several else [plants])]
-    given["specs"] = [_with_signals(spec) for spec in given.get("specs", [])]
     result = tune_pid(systems if several else systems[0], **given)
     if export is not None:
         result.export(export)
@@ -64,19 +62,6 @@ def _system(given: Any) -> Any:
             f"plant={given!r}: expected num and den, coefficients of falling powers of s, such as "
             f"{{num: [2], den: [0.1, 0.7, 1]}} ({error})"
         ) from error
-
-
-def _with_signals(spec: Any) -> Any:
-    """Return a spec of a file with the signals y, r and u where it takes and does not name them."""
-    if not isinstance(spec, dict) or len(spec) != 1:
-        return spec
-    ((name, arguments),) = spec.items()
-    make = getattr(requirements, str(name), None)
-    if not isinstance(arguments, dict) or make is None:
-        return spec
-    takes = inspect.signature(make).parameters
-    usual = {signal: signal for signal in ("y", "r", "u") if signal in takes}
-    return {name: {**usual, **arguments}}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -12,6 +12,7 @@ from zoac.api import tune
 from zoac.controllers.pid import PID
 from zoac.controllers.pid_export import export_pid
 from zoac.core.errors import ConfigError
+from zoac.core.types import is_number
 from zoac.envs.single_env import EnvSource
 from zoac.rollout.task import Task
 from zoac.runs.result import Result
@@ -140,9 +141,10 @@ def tune_pid(
     Raises:
         ConfigError: If something given cannot be used.
     """
-    limits = (-math.inf, math.inf) if input_limits is None else tuple(map(float, input_limits))
-    if len(limits) != 2:
-        raise ConfigError(f"input_limits={input_limits!r}: expected (low, high)")
+    limits = (-math.inf, math.inf) if input_limits is None else input_limits
+    if not (isinstance(limits, tuple | list) and len(limits) == 2 and all(map(is_number, limits))):
+        raise ConfigError(f"input_limits={input_limits!r}: expected (low, high), such as (-12, 12)")
+    limits = (float(limits[0]), float(limits[1]))
     required = specs_of(specs)
     systems = list(plant) if isinstance(plant, list | tuple) else [plant]
     if not hasattr(systems[0], "poles"):

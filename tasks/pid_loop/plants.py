@@ -46,6 +46,8 @@ class Design:
 
     def __post_init__(self) -> None:
         _known(self.structure)
+        for system in self.systems:
+            _usable(system)
         _ = self.pid  # refuses a sample time that is none
         low, high = self.input_limits
         if not low <= 0.0 <= high or low == high:
@@ -108,6 +110,24 @@ def gains_of(structure: str, given: Mapping[str, float]) -> Gains:
     if missing:
         raise ConfigError(f"baseline: no value for {', '.join(missing)} of a {structure}")
     return {name: float(gains[name]) for name in names}
+
+
+def _usable(system: Any) -> None:
+    """See that a plant is one that can be simulated here."""
+    if (inputs := (system.ninputs, system.noutputs)) != (1, 1):
+        raise ConfigError(
+            f"plant: {inputs[0]} inputs and {inputs[1]} outputs; expected one of each, such as "
+            "plant[0, 0] of python-control"
+        )
+    if system.isdtime(strict=True):
+        raise ConfigError(
+            f"plant: sampled every {system.dt:g} s; expected a continuous system, which is sampled "
+            "here together with its dead time"
+        )
+    if len(system.zeros()) > len(system.poles()):
+        raise ConfigError(
+            "plant: more zeros than poles, which nothing can be; add the lag of the sensor"
+        )
 
 
 def _known(structure: str) -> None:

@@ -190,6 +190,22 @@ def test_the_exported_c_gives_the_same_outputs_over_a_million_steps(tmp_path, wi
     assert np.abs(outputs - expected).max() <= 1e-12
 
 
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+def test_the_c_file_is_linked_with_the_declarations_that_it_begins_with(tmp_path):
+    path = export_pid(PID(sample_time=TS), GAINS, tmp_path / "pid.c")
+    declarations = path.read_text().partition("*/")[0].partition("\n")[2]
+    (tmp_path / "main.c").write_text(
+        f"#include <stdio.h>\n{declarations}\nint main(void) {{ pid_state s; pid_init(&s); "
+        'printf("%.17g", pid_step(&s, 1.0, 0.25)); return 0; }\n'
+    )
+    build = ["cc", "-Wall", "-Wextra", "-Werror", "-o", "linked", "main.c", "pid.c", "-lm"]
+    subprocess.run(build, cwd=tmp_path, check=True)
+    told = subprocess.run([tmp_path / "linked"], capture_output=True, text=True, check=True).stdout
+    pid = PID(sample_time=TS)
+    u, _ = pid.step(pid.gains(GAINS), np.array([0.25]), np.array([1.0]), pid.init(1))
+    assert float(told) == pytest.approx(u[0], rel=1e-12)
+
+
 def test_the_exported_python_gives_the_same_outputs(tmp_path):
     pid = PID(sample_time=TS, output_limits=(-1.0, math.inf), rate_limit=3.0)
     path = export_pid(pid, GAINS, tmp_path / "gains.py")

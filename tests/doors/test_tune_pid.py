@@ -159,6 +159,7 @@ def test_an_environment_is_tuned_from_the_gains_of_today(monkeypatch):
         ({"objective": "iea"}, "objective='iea'"),
         ({"objective": specs.peak("y", max=1.0)}, "a spec without a limit"),
         ({"input_limits": (1.0, 2.0)}, "expected \\(low, high\\) around 0"),
+        ({"input_limits": 12}, "input_limits=12: expected \\(low, high\\)"),
         ({"noise": -1.0}, "noise=-1.0"),
         ({"sample_time": 0.0}, "sample_time=0.0"),
         ({"dead_time": (0.1, 0.2)}, "2 dead times for 1 plants"),
@@ -169,6 +170,19 @@ def test_an_environment_is_tuned_from_the_gains_of_today(monkeypatch):
 def test_what_cannot_be_used_is_refused(options, said):
     with pytest.raises(ConfigError, match=said):
         zoac.tune_pid(lags(), **{**LOOP, **options})
+
+
+@pytest.mark.parametrize(
+    ("plant", "said"),
+    [
+        (control.tf([1], [1, 1], 0.1), "sampled every 0.1 s; expected a continuous system"),
+        (control.tf([1, 2, 3], [1, 1]), "more zeros than poles"),
+        (control.ss([[-1]], [[1, 1]], [[1]], [[0, 0]]), "2 inputs and 1 outputs"),
+    ],
+)
+def test_a_plant_that_cannot_be_simulated_is_refused(plant, said):
+    with pytest.raises(ConfigError, match=said):
+        zoac.tune_pid(plant, sample_time=0.1)
 
 
 def test_an_environment_has_no_rules_and_its_own_dead_time():

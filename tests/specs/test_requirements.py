@@ -163,3 +163,22 @@ def test_the_later_an_episode_ends_the_less_it_breaks_and_always_more_than_any_e
     early, late = (spec.violation_of(episode(T, ended=e), math.inf) for e in (0.1, 0.9))
     without_bound = spec.violation_of(episode(np.full_like(T, np.nan)), math.inf)
     assert 1.0 < without_bound < 2.0 < late < early <= 3.0
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda: specs.overshoot(max=5), "max=5 is 500% of the step; write 5% as max=0.05"),
+        (lambda: specs.settling_time("y", "r", 2.0), "band=2.0, expected a fraction of the step"),
+        (lambda: specs.phase_margin(45), r"phase_margin\(45\): a limit has a name"),
+    ],
+)
+def test_slips_of_people_who_come_from_elsewhere_are_named(make, told):
+    with pytest.raises(ConfigError, match=told):
+        make()
+
+
+def test_signals_that_are_not_named_are_y_r_and_u():
+    assert specs.overshoot(max=0.05) == specs.overshoot("y", "r", max=0.05)
+    assert specs.peak().signals == ("y",)
+    assert specs.total_variation().signals == ("u",)

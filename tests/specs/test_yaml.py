@@ -91,7 +91,7 @@ def test_the_check_fails_where_no_episode_lasts(folder, capsys):
     [
         ("steady_state_error:", "steady_state:", r"specs\[0\]: no spec 'steady_state'; did you"),
         ("max: 0.2", "maximum: 0.2", "no argument 'maximum'; did you mean 'max'"),
-        ("r: r, max", "max", r"steady_state_error=.*: expected y, r"),
+        ("r: r, max", "r: ref, max", r"steady_state_error\(y, ref\): no signal 'ref'"),
         ("{action: 0}", "{command: 0}", r"signals.u=.*expected one of observation, action"),
         ("{action: 0}", "tests.specs.nowhere.u", "signals.u"),
         ("max: 0.2", "max: 0.2, over: {cvar: 2}", r"cvar\(2\): expected a part"),

@@ -16,8 +16,9 @@ def export_pid(pid: PID, parameters: Mapping[str, float], path: str | Path) -> P
     Args:
         pid: Its structure: sample time, limits, weights, anti-windup.
         parameters: Its gains, in the form of `pid`.
-        path: `.c` or `.h` (a state struct, `pid_init` and `pid_step`, without dependencies), `.m`
-            (MATLAB's `pid(Kp, Ki, Kd, Tf, Ts)`), `.py` (a class with `reset` and `step`).
+        path: `.h` (a state struct, `pid_init` and `pid_step`, without dependencies, to be included
+            once), `.c` (the same, to be linked: its first lines are the declarations for others),
+            `.m` (MATLAB's `pid(Kp, Ki, Kd, Tf, Ts)`), `.py` (a function `step(r, y)`).
 
     Raises:
         ConfigError: If the suffix is unknown, or a gain is not finite.
@@ -27,7 +28,7 @@ def export_pid(pid: PID, parameters: Mapping[str, float], path: str | Path) -> P
     for name, value in gains.items():
         if not math.isfinite(value):
             raise ConfigError(f"{name}={value}: only finite gains can be exported")
-    writers = {".c": _c, ".h": _c, ".m": _matlab, ".py": _python}
+    writers = {".c": _c, ".h": _header, ".m": _matlab, ".py": _python}
     if path.suffix not in writers:
         raise ConfigError(f"export to {path.name!r}: {suggest(path.suffix, writers)}")
     path.write_text(writers[path.suffix](pid, gains), encoding="utf-8")
@@ -54,7 +55,26 @@ def _integral_step(pid: PID, gains: Mapping[str, float]) -> list[str]:
     return []
 
 
+STATE = "typedef struct { double integral, derivative, y, r, u; int begun; } pid_state;"
+INIT, STEP = "void pid_init(pid_state *s)", "double pid_step(pid_state *s, double r, double y)"
+
+
 def _c(pid: PID, gains: Mapping[str, float]) -> str:
+    """Return a C file that other files can be linked with."""
+    declarations = "\n   ".join((STATE, f"{INIT};", f"{STEP};"))
+    return f"/* Declarations for files that use it:\n   {declarations} */\n{_code(pid, gains)}"
+
+
+def _header(pid: PID, gains: Mapping[str, float]) -> str:
+    """Return C to be included."""
+    code = _code(pid, gains)
+    for function in (INIT, STEP):
+        code = code.replace(function, f"static {function}")
+    return code
+
+
+def _code(pid: PID, gains: Mapping[str, float]) -> str:
+    """Return the state struct, `pid_init` and `pid_step` in C."""
     low, high = pid.output_limits
     first = pid.initial_output
     defines = {
@@ -81,16 +101,16 @@ def _c(pid: PID, gains: Mapping[str, float]) -> str:
             "",
             *lines,
             "",
-            "typedef struct { double integral, derivative, y, r, u; int begun; } pid_state;",
+            STATE,
             "",
-            "static void pid_init(pid_state *s)",
+            INIT,
             "{",
             "    s->integral = s->derivative = s->y = s->r = 0.0;",
             f"    s->u = {_number(first or 0.0)};",
             "    s->begun = 0;",
             "}",
             "",
-            "static double pid_step(pid_state *s, double r, double y)",
+            STEP,
             "{",
             "    double p, v, u, step;",
             "    if (!s->begun) { s->y = y; s->r = r; }",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -27,10 +27,38 @@ RESERVED = frozenset({
     "violations", "violations_by_constraint", "env_restarts", "tuning_terminations",
     "baseline_cost_mean", "baseline", "acceptance_test", "select", "held_specs", "warnings", "shown",
     "failures",
-    "first_failure", "specs", "by_spec", *CLOCKS,
+    "first_failure", "specs", "by_spec", "shown", *CLOCKS,
 })  # fmt: skip
 """Keys of evaluation rows and of `result.json`, which no metric may take. `solver_failures` is
 free: a metric of that name counts an evaluation's, `result.json` those of the whole run."""
+
+
+def read_from(
+    function: Callable[[Segment], Any], segment: Segment, what: str, dtype: Any = None
+) -> np.ndarray:
+    """Return what a user's function of a segment returns, as an array.
+
+    Args:
+        function: The user's.
+        segment: Its argument.
+        what: What it is, for the message.
+        dtype: Of the array; None: as it comes.
+
+    Raises:
+        ConfigError: If the function raises, or returns what is no such array. It tells what a
+            segment has.
+    """
+    try:
+        return np.asarray(function(segment), dtype=dtype)
+    except ZoacError:
+        raise
+    except Exception as error:  # whatever a user's function raises
+        diagnostics = ", ".join(segment.diagnostics) or "none"
+        raise ConfigError(
+            f"{what} raised {type(error).__name__}: {error}; a segment has observations "
+            f"{segment.observations.shape}, actions {segment.actions.shape}, costs "
+            f"{segment.costs.shape}, and diagnostics: {diagnostics}"
+        ) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,17 +86,7 @@ class _Quantity:
         Raises:
             ConfigError: If `per_step` raises, or returns anything else.
         """
-        try:
-            values = np.asarray(self.per_step(segment))
-        except ZoacError:
-            raise
-        except Exception as error:  # whatever a user's function raises
-            diagnostics = ", ".join(segment.diagnostics) or "none"
-            raise ConfigError(
-                f"{self._what()} {self.name!r} raised {type(error).__name__}: {error}; a segment "
-                f"has observations {segment.observations.shape}, actions {segment.actions.shape}, "
-                f"costs {segment.costs.shape}, and diagnostics: {diagnostics}"
-            ) from error
+        values = read_from(self.per_step, segment, f"{self._what()} {self.name!r}")
         if values.shape != (segment.length,) or values.dtype.kind not in "biuf":
             raise ConfigError(
                 f"{self._what()} {self.name!r} returned {values.dtype} of shape {values.shape}, "

@@ -3,8 +3,8 @@
     zoac.specs.overshoot("y", "r", max=0.05)
     zoac.specs.settling_time("y", "r", band=0.02, max=2.0, over="mean")
 
-All take the names of signals first, and by keyword `max`, `min`, `over`, `weight` and `window`: see
-`zoac.specs.Spec`.
+All take the names of signals first, which are `y`, `r` and `u` unless others are given, and by
+keyword `max`, `min`, `over`, `weight` and `window`: see `zoac.specs.Spec`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from zoac.core.errors import ConfigError
+from zoac.core.types import is_number
 from zoac.specs import loops, responses
 from zoac.specs.spec import Loop, Spec
 
@@ -32,68 +34,93 @@ BEYOND: dict[str, Callable[..., float]] = {
 """What grades a figure that is infinite, by its name; see `Spec`."""
 
 
-def overshoot(y: str, r: str, **limits: Any) -> Spec:
+PERCENT = 2.0
+"""An overshoot from which on a percentage is meant."""
+
+
+def overshoot(y: str = "y", r: str = "r", **limits: Any) -> Spec:
     """Require how far `y` goes beyond the last value of `r`, as a fraction of the step.
 
     Args:
         y: Name of the output.
         r: Name of the reference.
         limits: See `Spec`; so of all requirements.
+
+    Raises:
+        ConfigError: If the limit looks like a percentage.
     """
+    most: Any = limits.get("max")
+    if is_number(most) and most >= PERCENT:
+        raise ConfigError(
+            f"overshoot: max={most!r} is {100 * most:g}% of the step; write 5% as max=0.05"
+        )
     return _of("overshoot", (y, r), {}, limits)
 
 
-def settling_time(y: str, r: str, band: float = 0.02, **limits: Any) -> Spec:
-    """Require the time [s] from which `y` stays within `band` of the step around `r`."""
+def settling_time(y: str = "y", r: str = "r", band: float = 0.02, **limits: Any) -> Spec:
+    """Require the time [s] from which `y` stays within `band` of the step around `r`.
+
+    Raises:
+        ConfigError: If the band is no fraction of the step.
+    """
+    if not (is_number(band) and 0 < band < 1):
+        raise ConfigError(
+            f"settling_time: band={band!r}, expected a fraction of the step, such as 0.02; the "
+            "limit in seconds is max="
+        )
     return _of("settling_time", (y, r), {"band": band}, limits, "s", timed=True)
 
 
-def rise_time(y: str, r: str, low: float = 0.1, high: float = 0.9, **limits: Any) -> Spec:
+def rise_time(
+    y: str = "y", r: str = "r", low: float = 0.1, high: float = 0.9, **limits: Any
+) -> Spec:
     """Require the time [s] that `y` takes from `low` to `high` of the step."""
     return _of("rise_time", (y, r), {"low": low, "high": high}, limits, "s", timed=True)
 
 
-def steady_state_error(y: str, r: str, last: float = 0.1, **limits: Any) -> Spec:
+def steady_state_error(y: str = "y", r: str = "r", last: float = 0.1, **limits: Any) -> Spec:
     """Require the mean absolute error over the last part `last` of the episode."""
     return _of("steady_state_error", (y, r), {"last": last}, limits)
 
 
-def peak(y: str, **limits: Any) -> Spec:
+def peak(y: str = "y", **limits: Any) -> Spec:
     """Require the largest magnitude of `y`."""
     return _of("peak", (y,), {}, limits)
 
 
-def iae(y: str, r: str, **limits: Any) -> Spec:
+def iae(y: str = "y", r: str = "r", **limits: Any) -> Spec:
     """Require the integral over time [s] of the absolute error."""
     return _of("iae", (y, r), {}, limits, timed=True)
 
 
-def ise(y: str, r: str, **limits: Any) -> Spec:
+def ise(y: str = "y", r: str = "r", **limits: Any) -> Spec:
     """Require the integral over time [s] of the squared error."""
     return _of("ise", (y, r), {}, limits, timed=True)
 
 
-def itae(y: str, r: str, **limits: Any) -> Spec:
+def itae(y: str = "y", r: str = "r", **limits: Any) -> Spec:
     """Require the integral over time [s] of time times the absolute error."""
     return _of("itae", (y, r), {}, limits, timed=True)
 
 
-def rms(y: str, **limits: Any) -> Spec:
+def rms(y: str = "y", **limits: Any) -> Spec:
     """Require the root of the mean square of `y`."""
     return _of("rms", (y,), {}, limits)
 
 
-def total_variation(u: str, **limits: Any) -> Spec:
+def total_variation(u: str = "u", **limits: Any) -> Spec:
     """Require the sum of the changes of `u` from sample to sample, each without its sign."""
     return _of("total_variation", (u,), {}, limits)
 
 
-def rate(u: str, **limits: Any) -> Spec:
+def rate(u: str = "u", **limits: Any) -> Spec:
     """Require the largest change of `u` per second."""
     return _of("rate", (u,), {}, limits, "1/s", timed=True)
 
 
 def _of_loop(name: str, loop: Loop | None, limits: Mapping[str, Any], unit: str = "") -> Spec:
+    if is_number(loop):
+        raise ConfigError(f"{name}({loop!r}): a limit has a name, such as min={loop!r}")
     return Spec(name, (), getattr(loops, name), loop=loop, unit=unit, **limits)
 
 

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from zoac.core.errors import ConfigError, ZoacError, suggest
+from zoac.core.errors import ConfigError, suggest
+from zoac.core.measures import read_from
 from zoac.core.segments import Segment
 from zoac.core.types import is_number
 
@@ -37,17 +38,7 @@ class Signal:
         Raises:
             ConfigError: If the signal cannot be read, or is not one number per sample.
         """
-        try:
-            values = np.asarray(self.read(segment), dtype=np.float64)
-        except ZoacError:
-            raise
-        except Exception as error:  # whatever a user's function raises
-            diagnostics = ", ".join(segment.diagnostics) or "none"
-            raise ConfigError(
-                f"signal {self.label} raised {type(error).__name__}: {error}; a segment has "
-                f"observations {segment.observations.shape}, actions {segment.actions.shape}, and "
-                f"diagnostics: {diagnostics}"
-            ) from error
+        values = read_from(self.read, segment, f"signal {self.label}", np.float64)
         if values.ndim in (1, 2) and len(values) == segment.length > 0:
             values = np.concatenate([values, values[-1:]])
         if values.ndim not in (1, 2) or len(values) != segment.length + 1:
