@@ -6,6 +6,7 @@ Nothing is fetched: style and pictures are in the page. The same runs give the s
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -98,6 +99,11 @@ def _of_task(collection: Collection, task: str, replay: bool, robustness_folder:
     reference = next((run for run in shown if not run.tuned), None)
     tuned = [run for run in shown if run.tuned] or shown
     body = [sweep(part, task)] if len(runs) > 1 else []
+    if replay and len(tuned) > 3:
+        print(
+            f"{task}: driving {len(tuned)} controllers once more; --no-replay leaves this out",
+            file=sys.stderr,
+        )
     for k, run in enumerate(tuned):
         siblings = sum(other.method == run.method for other in runs)
         title = escape(run_page.title(run, labels[run.method], siblings))

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from zoac.analysis import cli
+from zoac.analysis.data.runs import Collection
+from zoac.analysis.figures.labels import family
 from zoac.analysis.pages.formatting import (
     NOTHING,
     bounds,
@@ -20,9 +22,10 @@ from zoac.analysis.pages.formatting import (
     plus_minus,
     without_empty_columns,
 )
-from zoac.analysis.statistics.comparison import Comparison, compare
+from zoac.analysis.statistics.comparison import TABLE2, Comparison, compare
 from zoac.analysis.statistics.stats import MeanStd
 from zoac.analysis.statistics.summaries import Summary
+from zoac.core.errors import ConfigError
 
 
 class PaperRow(NamedTuple):
@@ -70,7 +73,9 @@ METHOD_NOTE = (
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the table of one task in three formats; return the exit code."""
     parser = cli.parser("table2", "Table II beside the paper's.", "tables", "--variant")
-    parser.add_argument("--task", default="mpc_tracking", help="default: mpc_tracking")
+    parser.add_argument(
+        "--task", help=f"default: {TABLE2[0].task} where there is one, else the only one"
+    )
     parser.add_argument(
         "--budget",
         type=cli.count,
@@ -85,9 +90,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(options: argparse.Namespace) -> None:
+    collection = cli.load_runs(options)
     comparison = compare(
-        cli.load_runs(options),
-        options.task,
+        collection,
+        options.task or _default_task(collection),
         variant=options.variant,
         budget=options.budget,
         seeds=options.seeds,
@@ -98,6 +104,18 @@ def _command(options: argparse.Namespace) -> None:
     cli.write(options.out / "table2.md", text)
     cli.write(options.out / "table2.tex", latex(comparison))
     cli.write(options.out / "table2.csv", csv(comparison))
+
+
+def _default_task(collection: Collection) -> str:
+    """Return the task of Table II, or the only one of the finished runs.
+
+    Raises:
+        ConfigError: If there are several others.
+    """
+    found = sorted({family(run.method.task)[0] for run in collection.some_finished()})
+    if TABLE2[0].task in found or len(found) == 1:
+        return TABLE2[0].task if TABLE2[0].task in found else found[0]
+    raise ConfigError(f"runs of several tasks; choose with --task: {', '.join(found)}")
 
 
 def markdown(comparison: Comparison) -> str:

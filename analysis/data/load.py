@@ -46,7 +46,8 @@ def load(root: str | Path, *, trust_code: bool = False) -> Collection:
     """
     root = Path(root)
     if not root.is_dir():
-        raise RunFolderError(f"no folder {str(root)!r}; expected the folder that holds the runs")
+        what = f"{str(root)!r} is a file" if root.is_file() else f"no folder {str(root)!r}"
+        raise RunFolderError(f"{what}; expected a run folder, or a folder of run folders")
     runs: list[Run] = []
     skipped: list[Skipped] = []
     if compact.is_compact(root):

@@ -105,7 +105,7 @@ def _drawn(
     if hasattr(task, "varied") and ("_target_" not in node or name != attribute):
         plant = task.varied({attribute: bounds})
         return np.array([plant.draw(rng)[attribute] for _ in range(count)])
-    low, high = bounds
+    low, high = map(float, bounds)
     if isinstance(_numbers(node).get(name), int) and low.is_integer() and high.is_integer():
         return rng.integers(int(low), int(high), count, endpoint=True)
     return rng.uniform(low, high, count)

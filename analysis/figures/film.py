@@ -77,11 +77,11 @@ def _frame(
     figure = Figure(figsize=SIZE, dpi=DPI)
     canvas = FigureCanvasAgg(figure)
     longest = max(shown, key=lambda trace: len(trace.x))
-    plot = figure.add_axes((0.085, 0.13, 0.895, 0.27))
+    plot = figure.add_axes((0.085, 0.125, 0.895, 0.245))
     for k, (segment, trace, title) in enumerate(zip(segments, shown, titles, strict=True)):
         left, look = k / len(segments), LOOKS[k % len(LOOKS)]
         width, here = 1 / len(segments), min(step, segment.length)
-        scene = figure.add_axes((left + 0.01, 0.44, width - 0.02, 0.45))
+        scene = figure.add_axes((left + 0.01, 0.405, width - 0.02, 0.485))
         if not task.draw(scene, segment, here):
             scene.set_axis_off()
         cost = f"cost {segment.costs.sum():,.1f}"

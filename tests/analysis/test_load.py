@@ -142,3 +142,9 @@ def test_true_and_false_are_no_numbers() -> None:
         "a": 1,
         "b": 2.5,
     }
+
+
+def test_a_file_instead_of_a_folder_is_told(tmp_path: Path) -> None:
+    file = write_run(tmp_path) / "run.json"
+    with pytest.raises(RunFolderError, match=r"run\.json' is a file; expected a run folder"):
+        load(file)

@@ -140,6 +140,7 @@ class Anybody(PidAcc):
 
 def test_a_task_without_figures_shows_observations_actions_and_cost() -> None:
     task = Anybody(max_episode_steps=5)
+    task.signals = {}
     (segment,) = replay.demonstrate(task, [GAINS])
     traces = task.traces(segment)
     assert [trace.title for trace in traces][-3:] == ["Observation 9", "Action 0", "Cost"]
@@ -180,6 +181,16 @@ def test_a_film_shows_before_and_after(
         last = np.asarray(picture.convert("RGB"))
     for half in (slice(0, 400), slice(400, 800)):
         assert (first[:, half] != last[:, half]).any()
+
+
+def test_the_first_picture_of_a_film_shows_both_courses(task: PidAcc) -> None:
+    segments = replay.demonstrate(task, [{**GAINS, "Ki": 9.0}, GAINS])
+    picture = next(iter(film.frames(task, segments, ("Before", "After")))).astype(int)
+    plot = picture[225:310, 80:]  # below the scenes
+    red_less_blue = plot[..., 0] - plot[..., 2]
+    for course in (red_less_blue > 25, red_less_blue < -25):  # warm before, blue after
+        columns = np.flatnonzero(course.any(axis=0))
+        assert np.ptp(columns) > 500
 
 
 def test_a_film_needs_to_know_the_beginning(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from tests.analysis.folders import PID, write_run
 from zoac.analysis import robustness
 from zoac.analysis.data import plants, replay
 from zoac.analysis.data.load import read
-from zoac.core.errors import ConfigError
+from zoac.core.errors import ConfigError, RunFolderError
 from zoac.tasks.pid_acc import PidAcc
 
 QUICK = ["--plants", "3", "--episodes", "2", "--format", "svg"]
@@ -140,3 +140,62 @@ def test_a_range_that_is_none_is_refused(tmp_path, capsys, text):
     write_run(tmp_path)
     assert robustness.main([str(tmp_path), "--vary", text]) == 1
     assert capsys.readouterr().err.startswith("error: --vary")
+
+
+class Steps(Gain):
+    """The input counts in a whole number of halves."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.halves = 2
+
+    def step(self, action):
+        return super().step(0.5 * self.halves * action)
+
+
+def test_attributes_that_are_whole_numbers_are_drawn_whole(tmp_path):
+    zoac.tune(
+        env=Steps, controller=act, space={"u": (0, 1), "idle": 0.0}, tuner="nominal", budget=0,
+        baseline={"u": 1.0}, episodes=1, final_episodes=2, max_episode_steps=3, quiet=True,
+        folder=tmp_path / "run",
+    )  # fmt: skip
+    run = replace(read(tmp_path / "run"), trusted=True)
+    varied = robustness.vary(run, {"halves": (1, 4), "g": (0.5, 2.0)}, 12, 2)
+    halves, g = varied.plants["halves"][1:], varied.plants["g"][1:]
+    assert set(halves) <= {1.0, 2.0, 3.0, 4.0}
+    assert len(set(halves)) > 1
+    assert not any(value.is_integer() for value in g)
+    expected = ((0.5 * halves * g - 1.0) ** 2)[:, None] * 3
+    noise = varied.costs["tuned"][1:] - expected
+    np.testing.assert_allclose(noise, np.broadcast_to(noise[0], noise.shape), atol=1e-9)
+    with pytest.raises(ConfigError, match="expected a whole number"):
+        robustness.vary(run, {"halves": (1.5, 4)}, 2, 1)
+
+
+def test_options_of_a_task_that_are_whole_numbers_are_drawn_whole(tmp_path):
+    run = read(write_run(tmp_path))
+    varied = robustness.vary(run, {"max_episode_steps": (5, 9)}, 6, 1)
+    drawn = varied.plants["max_episode_steps"]
+    assert drawn[0] == PID["max_episode_steps"]
+    assert set(drawn[1:]) <= {5.0, 6.0, 7.0, 8.0, 9.0}
+    assert len(set(drawn[1:])) > 1
+
+
+def test_a_record_is_read_back_for_its_own_run_alone(tmp_path):
+    run, other = read(write_run(tmp_path)), read(write_run(tmp_path, seed=1))
+    varied = robustness.vary(run, {"preceding_std": (0.02, 0.2)}, 2, 2)
+    around = robustness.sensitivity(run, 2)
+    file = tmp_path / "robustness.json"
+    file.write_text(robustness.as_json(run, varied, around))
+    found = plants.read(file, run)
+    assert found is not None
+    again, sensitivities = found
+    assert again is not None
+    assert sensitivities == around
+    assert again.ranges == varied.ranges
+    for name in ("tuned", "baseline"):
+        np.testing.assert_array_equal(again.costs[name], varied.costs[name])
+    assert plants.read(file, other) is None
+    file.write_text("{}")
+    with pytest.raises(RunFolderError, match=r"robustness\.json: cannot be read"):
+        plants.read(file, run)

@@ -118,7 +118,7 @@ def test_variants_that_do_not_compare_are_offered_as_a_choice(
 def test_an_unknown_task_is_one_message(
     sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([str(sweep), "--out", str(tmp_path)]) == 1
+    assert main([str(sweep), "--task", "mpc_tracking", "--out", str(tmp_path)]) == 1
     assert capsys.readouterr().err == "error: no run of task 'mpc_tracking'; known: pid_acc\n"
 
 
@@ -244,3 +244,15 @@ def test_fractions_in_violation_compare_between_evaluations_of_different_length(
     assert shares == [0.5, 0.5]  # one episode of two, two of four
     (note,) = [note for note in comparison.notes if "violation" in note]
     assert "all episodes of each evaluation, 2 to 4" in note
+
+
+def test_the_only_task_needs_no_name(sweep: Path, tmp_path: Path, capsys) -> None:
+    assert main([str(sweep), "--out", str(tmp_path / "out")]) == 0
+    assert "comparison on PID-ACC" in capsys.readouterr().out
+    write_run(sweep, task="lqr")
+    assert main([str(sweep), "--out", str(tmp_path / "out")]) == 1
+    told = "error: runs of several tasks; choose with --task: lqr, pid_acc\n"
+    assert capsys.readouterr().err.endswith(told)
+    write_run(sweep, task="mpc_tracking")
+    assert main([str(sweep), "--out", str(tmp_path / "out")]) == 0
+    assert "Table II" in capsys.readouterr().out
