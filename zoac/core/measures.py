@@ -25,9 +25,8 @@ RESERVED = frozenset({
     "format", "task", "tuner", "seed", "variant", "config_hash", "kind", "final", "x", "parameters",
     "env_steps", "cost_mean", "cost_std", "cost_per_episode", "episode_lengths", "terminations",
     "violations", "violations_by_constraint", "env_restarts", "tuning_terminations",
-    "baseline_cost_mean", "baseline", "acceptance_test", "select", "held_specs", "warnings", "shown",
-    "failures",
-    "first_failure", "specs", "by_spec", "shown", *CLOCKS,
+    "baseline_cost_mean", "baseline", "acceptance_test", "select", "held_specs", "shown",
+    "warnings", "failures", "first_failure", "specs", "by_spec", *CLOCKS,
 })  # fmt: skip
 """Keys of evaluation rows and of `result.json`, which no metric may take. `solver_failures` is
 free: a metric of that name counts an evaluation's, `result.json` those of the whole run."""
