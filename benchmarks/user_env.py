@@ -60,9 +60,9 @@ def main() -> None:
     engine = RolloutEngine(task, range(NUM_ENVS), range(NUM_ENVS))
     ratios = []
     for _ in range(turns):
-        alone, ours = bare(), by_zoac(engine)
-        ratios.append(ours / alone)
-        print(f"bare {alone:,.0f} steps/s, zoac {ours:,.0f} steps/s: {ratios[-1]:.2f}")
+        alone, through = bare(), by_zoac(engine)
+        ratios.append(through / alone)
+        print(f"bare {alone:,.0f} steps/s, zoac {through:,.0f} steps/s: {ratios[-1]:.2f}")
     print(f"median ratio {statistics.median(ratios):.2f} over {turns} turns")
 
 

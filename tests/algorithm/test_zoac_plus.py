@@ -94,16 +94,14 @@ def test_perturbation_and_step_shrink_with_terminations_and_come_back():
         assert len(segments) == 16
         tuner.tell(ended(segments, terminated))
         assert tuner.step_size / 0.03 == pytest.approx(tuner._shrinkage)
-        tuner.ask()
-        return tuner._sigma
+        return tuner.sigma
 
     assert sigma(4) == pytest.approx(0.1)
     assert sigma(5) == pytest.approx(0.05)
     assert sigma(16) == pytest.approx(0.025)
     twin = make_paired(sigma=0.1, max_termination_rate=0.25)
     twin.restore(tuner.state())
-    twin.ask()
-    assert twin._sigma == pytest.approx(0.025)
+    assert twin.sigma == pytest.approx(0.025)
     assert sigma(0) == pytest.approx(0.025 * 1.05)
     for _ in range(40):
         last = sigma(0)
@@ -113,8 +111,7 @@ def test_perturbation_and_step_shrink_with_terminations_and_come_back():
 def test_terminations_are_tolerated_unless_told_otherwise():
     tuner, group = make_paired(), engine(CountingTask(max_episode_steps=100), [0, 1, 2, 3])
     tuner.tell(ended(group.rollout(tuner.ask()), 16))
-    tuner.ask()
-    assert tuner._sigma == pytest.approx(0.1)
+    assert tuner.sigma == pytest.approx(0.1)
 
 
 def run(tuner, budget, environments=None):

@@ -120,6 +120,12 @@ def test_a_strategy_of_ones_own_is_named_by_its_target():
     [
         (["+tuner.strategies.final_selektion={}"], "did you mean 'final_selection'"),
         (["+tuner.strategies=[final_selection]"], "expected options by name"),
+        (["+tuner.strategies.final_selection=5"], "final_selection=5: expected its options"),
+        (["+tuner.strategies.mine._target_=os.getcwd"], "tuner.strategies.mine._target_"),
+        (
+            ["+tuner.strategies.successive_halving={}", "initial_samples=4"],
+            "successive_halving and initial_samples=4: each looks for a start",
+        ),
         (["+tuner.strategies.final_selection.fraction=2"], "tuner.strategies.final_selection.frac"),
         (["tuner=random", "+tuner.strategies.successive_halving={}"], "this tuner takes none"),
         (["+tuner.strategies.successive_halving={}", "initial_sigma=0.1"], "initial_sigma gives"),

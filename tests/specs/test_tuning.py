@@ -136,6 +136,13 @@ def test_what_any_tuner_is_combined_with_puts_specs_before_the_cost(options):
     assert found.cost_mean > 4.0 * found.baseline_cost_mean
 
 
+def test_an_answer_under_hard_specs_is_the_one_that_the_acceptance_test_tested():
+    """It had too few pairs, so the answer is the baseline, whatever held-out episodes prefer."""
+    found = tuned(acceptance_test=0.01, budget=2000)
+    assert found.record["acceptance_test"]["pairs"] == 1
+    assert found.parameters["k"] == pytest.approx(1.0)
+
+
 def test_a_broken_spec_is_told_in_table_and_warnings():
     hopeless = zoac.specs.steady_state_error("y", "r", max=0.001)
     found = tuned(specs=[hopeless], budget=400)

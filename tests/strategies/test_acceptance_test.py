@@ -42,7 +42,7 @@ class Stubborn(Tuner):
 
 
 def run_test(candidate, start=(0.5, 0.0), share=0.5, budget=6 * 14):
-    problem = Problem(CountingTask.space, 3, 4, budget, 7, 0, np.array(start))
+    problem = Problem(CountingTask.space, 3, 4, budget, 7, 0, baseline=np.array(start))
     return acceptance_test.AcceptanceTest(problem, lambda _: Stubborn(candidate), fraction=share)
 
 
@@ -102,7 +102,7 @@ class Greedy(Stubborn):
 
 @pytest.mark.parametrize("budget", [84, 130, 200, 411])
 def test_the_search_leaves_the_reserved_steps_untouched(budget):
-    problem = Problem(CountingTask.space, 3, 4, budget, 7, 0, np.array([0.5, 0.0]))
+    problem = Problem(CountingTask.space, 3, 4, budget, 7, 0, baseline=np.array([0.5, 0.0]))
     tuner = acceptance_test.AcceptanceTest(problem, lambda _: Greedy([0.4, 0.0]), fraction=0.5)
     group, steps, searched = engine(CountingTask(), [0, 1, 2, 3]), 0, 0
     while proposals := tuner.ask():
@@ -147,7 +147,7 @@ def test_an_acceptance_test_that_pays_for_too_little_gives_the_start_values_and_
 def test_episodes_that_are_longer_than_planned_leave_the_start_values():
     """Without a time limit the longest episode is not known."""
     start = np.array([0.5, 0.0])
-    problem = Problem(CountingTask.space, 3, 4, 200, 7, 0, start)
+    problem = Problem(CountingTask.space, 3, 4, 200, 7, 0, baseline=start)
     tuner = acceptance_test.AcceptanceTest(problem, lambda _: Greedy([0.4, 0.0]), fraction=0.5)
     group, steps = engine(CountingTask(max_episode_steps=21), [0, 1, 2, 3]), 0
     while steps < 200 and (proposals := tuner.ask()):

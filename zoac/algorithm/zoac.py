@@ -68,7 +68,6 @@ class Zoac(Tuner):
         """
         self._problem = problem
         self._exploration, self._step_size = exploration, step_size
-        self._sigma = exploration.sigma
         self._gamma, self._lam = gamma, lam
         self._standardise, self._project = standardise_advantages, project
         self._recommend, self._decay = recommend, average_decay
@@ -100,7 +99,7 @@ class Zoac(Tuner):
             proposal
             for j in range(self._exploration.segments)
             for i in range(num_envs)
-            for proposal in self._perturbed(self._sigma * epsilon[j, i], i)
+            for proposal in self._perturbed(self.sigma * epsilon[j, i], i)
         ]
 
     def _perturbed(self, offset: np.ndarray, env_index: int) -> list[Proposal]:
@@ -121,7 +120,7 @@ class Zoac(Tuner):
         states = np.concatenate([s.observations[:-1] for s in segments])
         self._pending = within_float32(states), within_float32(np.concatenate(targets))
         weights = self._weights(advantages)
-        gradient = zeroth_order_gradient(weights, self._directions, self._sigma)  # eq. (10)
+        gradient = zeroth_order_gradient(weights, self._directions, self.sigma)  # eq. (10)
         step_size = self.step_size
         self._iteration += 1
         if np.isfinite(np.square(gradient)).all():
@@ -166,6 +165,11 @@ class Zoac(Tuner):
         return standardised(advantages) if self._standardise else advantages
 
     @property
+    def sigma(self) -> float:
+        """Standard deviation of the perturbation."""
+        return self._exploration.sigma
+
+    @property
     def step_size(self) -> float:
         """Annealed linearly, then held."""
         return self._step_size.at(self._iteration)
@@ -207,7 +211,7 @@ class Zoac(Tuner):
         """Return the choices that a comparison must show."""
         return {
             "start": _STARTS[self._start],
-            "noise_model": f"advantages from a critic; perturbation {self._sigma:g}",
+            "noise_model": f"advantages from a critic; perturbation {self.sigma:g}",
             "recommendation": {
                 "last": "last iterate",
                 "average": f"exponential average of the iterates, decay {self._decay:g}",

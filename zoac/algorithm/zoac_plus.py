@@ -57,20 +57,20 @@ class PairedZoac(Zoac):
         self._max_termination_rate, self._shrinkage = max_termination_rate, 1.0
 
     @property
+    def sigma(self) -> float:
+        """ZOAC's perturbation, smaller after many terminations if `max_termination_rate` is set."""
+        return self._shrinkage * super().sigma
+
+    @property
     def step_size(self) -> float:
         """ZOAC's step size, smaller after many terminations if `max_termination_rate` is set."""
         return self._shrinkage * super().step_size
 
-    def ask(self) -> list[Proposal]:
-        """Return n H pairs of segments around theta_m."""
-        self._sigma = self._shrinkage * self._exploration.sigma
-        return super().ask()
-
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Update critic and parameters, then perturbation and step if they adapt."""
-        numbers = super().tell(segments)
+        numbers = {**super().tell(segments), "sigma": self.sigma}
         self._adapt_to_terminations(segments)
-        return {**numbers, "sigma": self._sigma}
+        return numbers
 
     def _adapt_to_terminations(self, segments: Sequence[Segment]) -> None:
         if self._max_termination_rate is None:

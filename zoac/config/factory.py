@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
 from typing import Any
@@ -123,32 +123,38 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
         shortest_horizon=task.shortest_horizon,
     )
     env.close()
-    make = _with_strategies(node, settings)
     if task.specs:
         _refuse_parts_of_episodes(node)
-        if task.held_specs and any(spec.hard and not spec.of_loop for spec in task.specs):
-            return HeldSpecs(whole, make)
-    return make(whole)
+    hard = any(spec.hard and not spec.of_loop for spec in task.specs)
+    return _with_strategies(node, settings, [HeldSpecs] if task.held_specs and hard else [])(whole)
 
 
 def build_tuner_for(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
     """Return the tuner of a config node, and what wraps it, for a problem."""
-    return _with_strategies(node, settings)(problem)
+    return _with_strategies(node, settings, [])(problem)
 
 
 def _refuse_parts_of_episodes(node: Mapping[str, Any]) -> None:
     """Raise if a tuner asks for parts of episodes, over which specs cannot be judged."""
-    named = _named_strategies(node)
-    for part in (node, *named.values()):
-        if not _class_of(part).whole_episodes:
+    named = {f"tuner.strategies.{name}": part for name, part in _named_strategies(node).items()}
+    for where, part in {"tuner": node, **named}.items():
+        if not _class_of(part, where).whole_episodes:
             raise ConfigError(f"{part[TARGET]} sees parts of episodes, and {EPISODES_ONLY}")
 
 
-def _with_strategies(node: Mapping[str, Any], settings: Settings) -> Begin:
+def _with_strategies(
+    node: Mapping[str, Any], settings: Settings, of_task: Sequence[Callable[..., Tuner]]
+) -> Begin:
     """Return what makes the tuner of a config node, in the strategies that are asked for.
 
+    Args:
+        node: The tuner's config node.
+        settings: Of the run.
+        of_task: Strategies that the task asks for. They see the points of the search alone, and
+            their answer is what an acceptance test tests.
+
     Raises:
-        ConfigError: If a strategy is unknown, or does not go with the tuner.
+        ConfigError: If a strategy is unknown, or does not go with the tuner or another strategy.
     """
     if settings.initial_sigma is not None:
         node = around_baseline(node, settings.initial_sigma)
@@ -159,13 +165,13 @@ def _with_strategies(node: Mapping[str, Any], settings: Settings) -> Begin:
         around.append(partial(best_evaluated, every=settings.eval_every))
     named = _named_strategies(node)
     around += [partial(_build_strategy, name, part) for name, part in named.items()]
+    around += of_task
     if settings.common_random_numbers:
         around.append(CommonRandomNumbers)
     if settings.initial_samples is not None:
         around.append(partial(InitialDesign, count=settings.initial_samples))
     node = {key: value for key, value in node.items() if key != "strategies"}
-    for looking in _look_for_a_start(named, settings):
-        node = _begun_at_start(node, looking, settings)
+    node = _begun_at_start(node, _start_searches(named, settings), settings)
 
     def make(problem: Problem) -> Tuner:
         tuner: Tuner = build(node, "tuner", Tuner, problem=problem)
@@ -193,6 +199,11 @@ def _named_strategies(node: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
         )
     nodes = {}
     for name, options in named.items():
+        if not isinstance(options or {}, Mapping):
+            raise ConfigError(
+                f"tuner.strategies.{name}={options!r}: expected its options by name, such as "
+                f"{{{name}: {{fraction: 0.2}}}}; {{}} for their defaults"
+            )
         target = {TARGET: STRATEGIES[name]} if name in STRATEGIES else {}
         nodes[name] = {**target, **(options or {})}
         if TARGET not in nodes[name]:
@@ -206,29 +217,35 @@ def _build_strategy(name: str, node: Mapping[str, Any], problem: Problem, begin:
     return tuner
 
 
-def _look_for_a_start(named: Mapping[str, Mapping[str, Any]], settings: Settings) -> list[str]:
+def _start_searches(named: Mapping[str, Mapping[str, Any]], settings: Settings) -> list[str]:
     """Return what looks for a start, as the user wrote it."""
     found = [
-        f"tuner.strategies.{name}"
+        where
         for name, node in named.items()
-        if issubclass(_class_of(node), StartSearch)
+        if issubclass(_class_of(node, where := f"tuner.strategies.{name}"), StartSearch)
     ]
     if settings.initial_samples is not None:
         found.append(f"initial_samples={settings.initial_samples}")
     return found
 
 
-def _class_of(node: Mapping[str, Any]) -> type[Tuner]:
-    made_by: Any = locate_maker(node[TARGET], (Tuner,), f"tuner.{TARGET}")
+def _class_of(node: Mapping[str, Any], where: str) -> type[Tuner]:
+    made_by: Any = locate_maker(node[TARGET], (Tuner,), f"{where}.{TARGET}")
     return made_by if isinstance(made_by, type) else Tuner
 
 
-def _begun_at_start(node: Mapping[str, Any], looking: str, settings: Settings) -> dict[str, Any]:
-    """Return a tuner's node that begins where another found a start."""
+def _begun_at_start(
+    node: dict[str, Any], searches: Sequence[str], settings: Settings
+) -> dict[str, Any]:
+    """Return a tuner's node that begins where another found a start, if one looks for it."""
+    if not searches:
+        return node
+    if len(searches) > 1:
+        raise ConfigError(f"{' and '.join(searches)}: each looks for a start; choose one of them")
     if settings.initial_sigma is not None:
-        raise ConfigError(f"{looking}: it looks for a start, and initial_sigma gives one")
+        raise ConfigError(f"{searches[0]}: it looks for a start, and initial_sigma gives one")
     if "start" not in node:
-        raise ConfigError(f"{looking}: it looks for a start, and this tuner takes none")
+        raise ConfigError(f"{searches[0]}: it looks for a start, and this tuner takes none")
     return {**node, "start": "baseline"}
 
 
@@ -243,7 +260,7 @@ def baseline_use(node: Mapping[str, Any], task: Task, settings: Settings) -> dic
     if task.baseline is None:
         return {}
     begins = settings.initial_sigma is not None or node.get("start") == "baseline"
-    if not begins or settings.initial_samples is not None:
+    if not begins or _start_searches(_named_strategies(node), settings):
         told = "only compared, the search does not begin there"
         more = "; tuner.start=baseline does" if "start" in node else ""
     else:

@@ -27,24 +27,24 @@ class AcceptanceTest(ReservedSteps):
     def __init__(self, problem: Problem, begin: Begin, *, fraction: Fraction) -> None:
         """
         Args:
-            problem: What is tuned, with a start, the baseline.
+            problem: What is tuned, with a baseline.
             begin: Makes the tuner that searches.
             fraction: Of the budget, for held-out episodes.
 
         Raises:
             ConfigError: If there are no baseline values.
         """
-        if problem.start is None:
+        if problem.baseline is None:
             raise ConfigError(
                 "acceptance_test: there are no baseline values to compare with; give the task some"
             )
         super().__init__(problem, begin, fraction)
-        self._start = problem.start
+        self._baseline = problem.baseline
         self._pairs = 0  # how many will be run
         self._episodes = HeldOut(problem, "acceptance_test")
 
     def _prepare(self) -> None:
-        self._episodes.enter(self._start)
+        self._episodes.enter(self._baseline)
         self._episodes.enter(self._tuner.recommend())
         if not self._candidate_is_start:
             self._pairs = self._left // (2 * self._longest)
@@ -79,7 +79,7 @@ class AcceptanceTest(ReservedSteps):
         """Return the tuner's recommendation while it searches; then what was accepted."""
         if self._searching:
             return self._tuner.recommend()
-        return self._episodes.candidates[1] if self.accepted else self._start.copy()
+        return self._episodes.candidates[1] if self.accepted else self._baseline.copy()
 
     def outcome(self) -> dict[str, Any]:
         """Return the verdict for `result.json`."""

@@ -12,8 +12,8 @@ def around_baseline(options: Mapping[str, Any], initial_sigma: float) -> dict[st
     """Return a tuner's options for a search around the baseline.
 
     The tuner begins at the baseline. Its option `sigma` or `initial_sigma`, whichever it has,
-    becomes `initial_sigma`; ZOAC's step sizes change in proportion to sigma; successive halving,
-    which searches the whole box, is left out.
+    becomes `initial_sigma`; a step size of the parameters changes in proportion to sigma;
+    successive halving, which searches the whole box, is left out.
 
     Args:
         options: Of the tuner, by name.
@@ -34,7 +34,7 @@ def around_baseline(options: Mapping[str, Any], initial_sigma: float) -> dict[st
         chosen[width] = initial_sigma
     else:
         chosen["exploration"] = {**group, width: initial_sigma}
-    if width == "sigma":
+    if width == "sigma" and "step_size" in options:
         chosen["step_size"] = _scaled(options["step_size"], initial_sigma / group["sigma"])
     if "halving_fraction" in options:
         chosen["halving_fraction"] = 0.0

@@ -189,7 +189,7 @@ class ReservedSteps(TunerStrategy):
         """Pass on what the tuner asked for, or take what came after."""
         lengths = [segment.length for segment in segments]
         self._steps += sum(lengths)
-        self._longest = max(self._longest, *lengths)
+        self._longest = max([self._longest, *lengths])
         return super().tell(segments) if self._searching else self._tell_after(segments)
 
     def state(self) -> Any:

@@ -18,9 +18,6 @@ from zoac.strategies.held_out import HeldOut
 FRACTION = 0.2
 """Of the budget, where a run's evaluated recommendations are the candidates."""
 
-MIN_EPISODES = 1
-"""Of every candidate, at least; they are common to all."""
-
 
 class FinalSelection(ReservedSteps):
     """A tuner whose answer is chosen among what it recommended on the way, and the baseline.
@@ -77,7 +74,8 @@ class FinalSelection(ReservedSteps):
     def _prepare(self) -> None:
         self._note()
         count, baselines = len(self._noted), int(self._with_baseline)
-        while count + baselines > 2 and self._steps_of(count + baselines) > self._left:
+        whole = self._problem.max_episode_steps
+        while count + baselines > 2 and (count + baselines) * whole > self._left:
             count -= 1
         for k in np.linspace(len(self._noted) - 1, 0, count).round().astype(int):
             self._episodes.enter(self._noted[k][1])
@@ -86,13 +84,10 @@ class FinalSelection(ReservedSteps):
         if self._fraction:
             self._begin_round(self._affordable_rounds())
 
-    def _steps_of(self, count: int) -> int:
-        return steps_to_choose(self._problem, count)
-
     def _affordable_rounds(self) -> int:
         """Return how often the candidates can be halved, each time after new episodes."""
-        count = len(self._episodes.candidates)
-        return min(math.ceil(math.log2(count)), self._left // self._steps_of(count))
+        halvings = math.ceil(math.log2(len(self._episodes.candidates)))
+        return min(halvings, self._left // self._episodes.steps(1))
 
     def _begin_round(self, rounds: int) -> None:
         self._rounds = rounds
@@ -124,7 +119,10 @@ class FinalSelection(ReservedSteps):
         """Return for `result.json` after how many steps of the search the answer came up."""
         x = self.recommend()
         steps = [steps for steps, noted in self._noted if np.array_equal(noted, x)]
-        chosen = {"recommended_at": steps[0] if steps else None, "episodes": self._until}
+        chosen = {
+            "recommended_at": steps[0] if steps else None,
+            "episodes": len(self._episodes.costs),
+        }
         return {**super().outcome(), "select": chosen}
 
     def state(self) -> Any:
@@ -181,4 +179,4 @@ def best_evaluated(problem: Problem, begin: Begin, *, every: int) -> FinalSelect
 
 def steps_to_choose(problem: Problem, count: int) -> int:
     """Return the steps that a choice among `count` candidates takes at least."""
-    return count * MIN_EPISODES * problem.max_episode_steps
+    return count * problem.max_episode_steps

@@ -85,7 +85,7 @@ class HeldOut:
         ]
 
     def ask_within(self, steps: int) -> list[Proposal]:
-        """Return as many of the next episodes as keep all busy and fit into `steps`."""
+        """Return as many of the next episodes as keep all busy and fit in `steps`, at least one."""
         return self.ask(max(1, min(self.busy, steps // self.steps(1))))
 
     @property

@@ -99,8 +99,7 @@ class HeldSpecs(ReservedSteps):
         first = held.ranking[0]
         dearest = costs[first] + DEARER * abs(costs[first])
         (equal,) = np.nonzero((violations == violations[first]) & (costs <= dearest))
-        last = equal[-1] if len(equal) else first
-        answer: np.ndarray = held.candidates[max(first, last)]
+        answer: np.ndarray = held.candidates[equal[-1]]
         return answer
 
     def outcome(self) -> dict[str, Any]:

@@ -91,7 +91,7 @@ class Comparison:
     """Whether a candidate has proved better than the baseline values, and what that rests on.
 
     Of each pair, the episode that violates constraints less wins; of two equal ones, that which
-    did not terminate; of two equal ones, the cheaper. The candidate is accepted if
+    did not fail; of two equal ones, the cheaper. The candidate is accepted if
 
     1. it failed (terminated, violated or cost no finite number) in no pair in which the start
        values did not, or in so few that an exact test of counts shows that it fails less often;
@@ -153,16 +153,16 @@ class Comparison:
 
 def compare(episodes: HeldOut) -> Comparison:
     """Return the comparison of two candidates, the baseline values first."""
-    failed, fails = episodes.failed.T
+    baseline, candidate = episodes.failed.T
     differences = _differences(episodes)
     wins, losses = int((differences < 0).sum()), int((differences > 0).sum())
     return Comparison(
-        pairs=len(failed),
+        pairs=len(baseline),
         wins=wins,
         losses=losses,
-        failures=(int(failed.sum()), int(fails.sum())),
-        new_failures=int((fails & ~failed).sum()),
-        mended_failures=int((failed & ~fails).sum()),
+        failures=(int(baseline.sum()), int(candidate.sum())),
+        new_failures=int((candidate & ~baseline).sum()),
+        mended_failures=int((baseline & ~candidate).sum()),
         p_value=max(sign_test(wins, losses), sign_flip_test(differences)),
     )
 
