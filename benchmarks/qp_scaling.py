@@ -98,7 +98,7 @@ def draw(
     for axis, (what, sizes, curves) in zip(axes.flat, panels, strict=False):
         for name, values in curves.items():
             axis.loglog(sizes, values, label=name, **looks[name])
-        axis.set(xlabel=what, ylabel="us per programme")
+        axis.set(xlabel=what, ylabel="Time per programme [µs]")
         axis.set_xticks(sizes, [str(size) for size in sizes])
         axis.minorticks_off()
     axes[0, 0].legend(fontsize=7)
@@ -106,7 +106,7 @@ def draw(
     for name, values in rates.items():
         ratios = np.array(values) / values[0]
         last.plot(workers, ratios, label=name, **looks[name])
-    last.set(xlabel="workers (0: serial)", ylabel="steps per second, of serial", ylim=(0.0, None))
+    last.set(xlabel="workers (0: serial)", ylabel="Steps per second, serial = 1", ylim=(0.0, None))
     last.set_xticks(workers)
     save(figure, FIGURES / "scaling_solver.svg")
 
@@ -135,7 +135,7 @@ def main() -> None:
     panels = [
         measure("horizon", HORIZONS, lambda n: [dense_problems(LANES, n, 6, 2, 0)], ways),
         measure("states", STATES, lambda nx: [dense_problems(LANES, 25, nx, 2, 0)], ways),
-        measure("lanes", LANE_COUNTS, split, own),
+        measure("environments", LANE_COUNTS, split, own),
     ]
     draw(panels, workers, over_workers(workers, options.rounds))
 
