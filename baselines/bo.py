@@ -36,6 +36,8 @@ class BayesOpt(NevergradTuner):
     `refit_growth` and `max_observations`.
     """
 
+    display_name = "BO"
+
     def __init__(
         self,
         problem: Problem,

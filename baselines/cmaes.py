@@ -22,6 +22,8 @@ class CmaEs(NevergradTuner):
     point of the cheapest single episode since its last restart. `describe` shows the choices.
     """
 
+    display_name = "CMA-ES"
+
     def __init__(
         self,
         problem: Problem,
@@ -57,6 +59,8 @@ class CmaEs(NevergradTuner):
             )
         chosen = (initial_sigma, population, covariance, elitist)
         self._by_library = all(option is None for option in chosen)
+        if covariance is not None:
+            self.display_name = f"CMA-ES ({covariance}, {recommendation})"
         self._factory = ng.optimizers.registry["CMA"]
         if not self._by_library:
             d = problem.space.dimension

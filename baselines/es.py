@@ -16,6 +16,8 @@ from zoac.rollout.outcomes import Outcomes
 class EvolutionStrategy(EpisodeTuner):
     """Gradient of the Gaussian-smoothed episode cost, estimated from `population` episodes."""
 
+    display_name = "ES"
+
     def __init__(
         self,
         problem: Problem,

@@ -248,6 +248,7 @@ class Nevergrad(NevergradTuner):
         if name not in registry:
             raise ConfigError(f"unknown Nevergrad optimiser {name!r}; {suggest(name, registry)}")
         self._factory = registry[name]
+        self.display_name = f"Nevergrad {name}"
         self._initial_sigma = LIBRARY_SIGMA if initial_sigma is None else initial_sigma
         super().__init__(problem, recommendation=recommendation, **options)
 

@@ -14,6 +14,8 @@ from zoac.core.tuner import Problem, Tuner
 class NominalTuner(Tuner):
     """Asks for nothing and recommends the baseline parameters."""
 
+    display_name = "Nominal"
+
     def __init__(self, problem: Problem) -> None:
         """
         Raises:

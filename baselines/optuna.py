@@ -59,6 +59,7 @@ class Optuna(EpisodeTuner):
             options: Of `EpisodeTuner`; the first point is `start`.
         """
         super().__init__(problem, recommendation=recommendation, **options)
+        self.display_name = f"Optuna {sampler.upper()}"
         self._options: dict[str, Any] = {
             "sampler": sampler,
             "initial_design": initial_design,

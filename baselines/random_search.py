@@ -14,6 +14,8 @@ from zoac.core.types import Count, Fraction
 class RandomSearch(EpisodeTuner):
     """Points drawn uniformly from the normalised box, one episode each."""
 
+    display_name = "Random search"
+
     def __init__(
         self,
         problem: Problem,

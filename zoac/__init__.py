@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from zoac.api import make_task as make_task
     from zoac.api import tune as tune
     from zoac.core.errors import Interrupted as Interrupted
+    from zoac.loggers.callback import Callback as Callback
     from zoac.pid_tuning import tune_pid as tune_pid
     from zoac.runs.result import Result as Result
     from zoac.runs.result import load_result as load_result
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from zoac.studies.study import Study as Study
 
 _HOMES = {
+    "Callback": "loggers.callback",
     "Interrupted": "core.errors",
     "Result": "runs.result",
     "action": "specs.signals",
@@ -73,8 +75,8 @@ _HOMES = {
     "tune_pid": "pid_tuning",
 }
 __all__ = [
-    "Interrupted", "Result", "Study", "action", "info", "load_result", "make_task", "mpc",
-    "observation", "program", "specs", "tune", "tune_pid",
+    "Callback", "Interrupted", "Result", "Study", "action", "info", "load_result", "make_task",
+    "mpc", "observation", "program", "specs", "tune", "tune_pid",
 ]  # fmt: skip
 
 

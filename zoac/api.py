@@ -20,6 +20,7 @@ from zoac.core.parameters import ParameterSpace
 from zoac.core.types import is_number
 from zoac.envs.plant_numbers import Bounds
 from zoac.envs.single_env import EnvSource
+from zoac.loggers.callback import Callback, Callbacks
 from zoac.loggers.console import Console
 from zoac.rollout.task import Task
 from zoac.runs.result import Result, keep_task, result_of
@@ -67,6 +68,7 @@ def tune(
     folder: str | Path | None = None,
     resume: str = "auto",
     quiet: bool = False,
+    callbacks: Sequence[Callback] = (),
     cost: Callable[[dict[str, Any]], Any] | None = None,
     experiments: int | None = None,
     workers: int | None = None,
@@ -117,6 +119,7 @@ def tune(
             code and values of environment and controller, are these, and is returned if it is
             done), "never", "overwrite".
         quiet: Print nothing.
+        callbacks: Follow the run and may stop it; see `zoac.Callback`.
         cost: Instead of an environment: a function of {name: value} that makes an experiment and
             returns its cost, or a dict of `cost`, `metrics` and `constraints`; or `zoac.program`.
             The run is then a `zoac.Study`, whose options apply; `constraints` are limits by name,
@@ -132,6 +135,7 @@ def tune(
             checkpoint. The error's `result` is the recommendation so far; its message says how
             the run goes on.
         ConfigError: If something given cannot be used.
+        CallbackError: If a callback raises.
         ControllerError: If the controller raises or returns what is not a finite action, and
             there is no `failure_penalty`.
         EnvironmentFailure: If the environment raises or returns what is not finite, likewise.
@@ -156,6 +160,7 @@ def tune(
     }
     if resume not in RESUME:
         raise ConfigError(f"resume={resume!r}; {suggest(resume, RESUME)}")
+    followers = Callbacks(callbacks)
     of_user = {"env": env, "controller": controller, "space": space}
     the_task = given_task(task, of_user, of_task)
     chosen = tuner_for(the_task, budget) if tuner == AUTO else None
@@ -179,8 +184,7 @@ def tune(
         config["tuner"]["start"] = "baseline"
     for name in settings:
         if name not in OTHER_SETTINGS:
-            known = [*inspect.signature(tune).parameters, *OTHER_SETTINGS]
-            known.remove("settings")
+            known = [*list(inspect.signature(tune).parameters)[:-1], *OTHER_SETTINGS]
             raise ConfigError(f"zoac.tune has no option {name!r}; {suggest(name, known)}")
     if eval_every is None and is_number(budget):
         eval_every = int(max(1, budget // 10))
@@ -209,6 +213,7 @@ def tune(
         settings=checked,
         loggers=[] if quiet else [Console(checked.budget, where)],
         quiet=quiet,
+        callbacks=followers,
     )
     again = "the same call" if folder else f"the same call with folder={str(where)!r}"
     try:

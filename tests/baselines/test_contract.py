@@ -195,6 +195,12 @@ def test_a_bad_episode_is_never_overtaken_by_costlier_good_ones(name, bad):
     assert any(np.allclose(tuner.recommend(), x, atol=1e-6) for x in good)
 
 
+def test_every_tuner_has_a_name_of_its_own_for_tables_and_figures():
+    names = [make(name).display_name for name in NAMES]
+    assert all(names)
+    assert len(set(names)) == len(names)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_its_choices_can_be_logged(name):
     json.dumps(make(name).describe())

@@ -11,6 +11,7 @@ from tests.doors.test_api import tune
 from tests.envs.test_adapters import Drift
 from tests.executors.test_unpicklable import stopped
 from tests.executors.test_unpicklable import tune as tune_briefly
+from zoac.baselines.random_search import RandomSearch
 from zoac.core.errors import RunFolderError
 from zoac.runs import checkpoint, lock, schema
 
@@ -133,3 +134,18 @@ def test_a_file_system_without_locks_is_not_taken_for_a_lock_that_is_held(tmp_pa
         lock.locked(tmp_path / ".lock", wait=True),
     ):
         pass
+
+
+@pytest.mark.parametrize(("options", "name"), [
+    ({"tuner": "random"}, "Random search"),
+    ({"tuner": "zoac_plus", "acceptance_test": 0.3, "baseline": {"k": 0.1}}, "ZOAC+"),
+])  # fmt: skip
+def test_the_tuners_display_name_is_on_record(options, name, tmp_path):
+    tune(folder=tmp_path, **options)
+    assert schema.read_run(tmp_path)["tuner_name"] == name
+
+
+def test_a_tuner_without_a_display_name_goes_by_its_configurations(tmp_path, monkeypatch):
+    monkeypatch.setattr(RandomSearch, "display_name", "")
+    tune(folder=tmp_path, tuner="random")
+    assert schema.read_run(tmp_path)["tuner_name"] == "random"

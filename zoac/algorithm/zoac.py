@@ -34,6 +34,7 @@ class Zoac(Tuner):
     """The paper's method."""
 
     whole_episodes = False
+    display_name = "ZOAC"
 
     def __init__(
         self,

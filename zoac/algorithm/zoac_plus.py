@@ -37,6 +37,8 @@ class PairedZoac(Zoac):
     directions run one way.
     """
 
+    display_name = "ZOAC+"
+
     def __init__(
         self,
         problem: Problem,

@@ -47,6 +47,10 @@ class EnvironmentFailure(EnvironmentContractError):
     """An environment raised, or gave an observation or a cost that is not finite."""
 
 
+class CallbackError(ZoacError):
+    """A user's callback raised; see `zoac.Callback`."""
+
+
 class NothingWorksError(ZoacError):
     """Every episode failed, so that there is nothing to tune on."""
 

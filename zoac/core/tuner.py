@@ -71,6 +71,9 @@ class Tuner(ABC):
     whole_episodes: ClassVar[bool] = True
     """Whether every proposal is for a whole episode, over which alone specs can be judged."""
 
+    display_name: str = ""
+    """Name in tables and figures, such as "CMA-ES"; empty: the name of its configuration."""
+
     @abstractmethod
     def ask(self) -> list[Proposal]:
         """Return the next batch of proposals; an empty list means there is nothing left to do."""
@@ -107,6 +110,14 @@ class Tuner(ABC):
     @abstractmethod
     def restore(self, state: Any) -> None:
         """Restore what `state` returned; afterwards the tuner goes on to the same bits."""
+
+    def end_search(self) -> bool:
+        """End the search before the budget is spent, as a callback asks; may be called repeatedly.
+
+        Returns:
+            Whether `ask` still returns proposals, which choose or test the answer.
+        """
+        return False
 
     def outcome(self) -> dict[str, Any]:
         """Return what `result.json` must say beside the parameters, by name."""

@@ -31,7 +31,7 @@ class RunLog:
             loggers: Where rows go beside the folder.
         """
         self.folder = folder
-        self._run = run
+        self.run = run
         self._loggers = list(loggers)
         with _writing(folder / schema.RUN):
             if not (folder / schema.RUN).exists():
@@ -41,18 +41,22 @@ class RunLog:
             self._file = open(folder / schema.METRICS, "ab", buffering=0)  # noqa: SIM115
         self._forward("start", run)
 
-    def row(self, kind: str, stamp: Mapping[str, Any], numbers: Mapping[str, Any]) -> None:
-        """Append one row and pass it on.
+    def row(
+        self, kind: str, stamp: Mapping[str, Any], numbers: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """Append one row and pass it on; return it as it will be read.
 
         Raises:
             RunFolderError: If it cannot be written.
         """
         row = {"kind": kind, **stamp, **numbers}
-        line = memoryview(schema.json_line(row).encode())
+        line = schema.json_line(row)
+        left = memoryview(line.encode())
         with _writing(self.folder / schema.METRICS):
-            while line:
-                line = line[self._file.write(line) :]
+            while left:
+                left = left[self._file.write(left) :]
         self._forward("row", row)
+        return schema.read_row(line)
 
     def responses(self, episodes: Mapping[str, Episode]) -> None:
         """Write `responses.csv`; see `zoac.runs.responses.content`."""
@@ -61,8 +65,8 @@ class RunLog:
 
     def finish(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
         """Write `result.json`, which marks the run as done; return its content."""
-        identity = {k: self._run[k] for k in ("format", "task", "tuner", "seed", "variant")}
-        result = {**identity, **numbers, "config_hash": self._run["config_hash"]}
+        identity = {k: self.run[k] for k in ("format", "task", "tuner", "seed", "variant")}
+        result = {**identity, **numbers, "config_hash": self.run["config_hash"]}
         with _writing(self.folder / schema.RESULT):
             schema.write_json(self.folder / schema.RESULT, result)
         self._forward("finish", result)

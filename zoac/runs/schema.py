@@ -166,6 +166,15 @@ def _read_json(path: Path) -> dict[str, Any]:
     return content
 
 
+def read_row(line: str) -> dict[str, Any]:
+    """Return one line of `metrics.jsonl`.
+
+    Raises:
+        ValueError: If it is damaged.
+    """
+    return {key: _numbers(value) for key, value in json.loads(line).items()}
+
+
 def read_metrics(folder: Path) -> list[dict[str, Any]]:
     """Return the rows of `metrics.jsonl`; a last line cut by a crash is left out.
 
@@ -182,7 +191,7 @@ def read_metrics(folder: Path) -> list[dict[str, Any]]:
     rows = []
     for number, line in enumerate(lines[:-1], start=1):
         try:
-            rows.append({k: _numbers(v) for k, v in json.loads(line).items()})
+            rows.append(read_row(line))
         except ValueError:
             raise RunFolderError(f"{path}: line {number} is damaged") from None
     return rows

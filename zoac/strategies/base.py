@@ -31,6 +31,7 @@ class TunerStrategy(Tuner):
         """
         self._problem = problem
         self._tuner = begin(problem)
+        self.display_name = self._tuner.display_name
 
     def ask(self) -> list[Proposal]:
         """See `Tuner.ask`."""
@@ -55,6 +56,10 @@ class TunerStrategy(Tuner):
     def restore(self, state: Any) -> None:
         """See `Tuner.restore`."""
         self._tuner.restore(state["tuner"])
+
+    def end_search(self) -> bool:
+        """See `Tuner.end_search`."""
+        return self._tuner.end_search()
 
     def outcome(self) -> dict[str, Any]:
         """See `Tuner.outcome`."""
@@ -117,6 +122,10 @@ class StartSearch(TunerStrategy):
             self._tuner = self._begin_at_best(self._problem)
         return numbers
 
+    def end_search(self) -> bool:
+        """End the search for a start, whose best point is then recommended; or the tuner's."""
+        return not self._looking and super().end_search()
+
     def recommend(self) -> np.ndarray:
         """Return the best point so far, then the tuner's recommendation."""
         return self._best() if self._looking else super().recommend()
@@ -149,7 +158,8 @@ class ReservedSteps(TunerStrategy):
         self._fraction = fraction
         self._search_steps = search_budget(problem.budget, fraction)
         super().__init__(problem, lambda p: begin(replace(p, budget=self._search_steps)))
-        self._steps = 0
+        self._steps, self._end = 0, problem.budget
+        self._ended_early = False
         # Where there is no time limit, episodes may be longer than those that were measured.
         self._longest = problem.max_episode_steps
         self._searching = True
@@ -160,9 +170,21 @@ class ReservedSteps(TunerStrategy):
             proposals = super().ask() if self._steps < self._search_steps else []
             if proposals and self._steps + self._max_steps(proposals) <= self._search_steps:
                 return proposals
-            self._searching = False
-            self._prepare()
+            self._leave_search()
         return self._ask_after()
+
+    def end_search(self) -> bool:
+        """End the search; the reserved steps are then spent, and no more."""
+        self._ended_early = True
+        if self._searching and not super().end_search():
+            self._leave_search()
+        return True
+
+    def _leave_search(self) -> None:
+        self._searching = False
+        if self._ended_early:
+            self._end = self._steps + self._problem.budget - self._search_steps
+        self._prepare()
 
     def _max_steps(self, proposals: Sequence[Proposal]) -> int:
         whole = self._longest
@@ -170,8 +192,8 @@ class ReservedSteps(TunerStrategy):
 
     @property
     def _left(self) -> int:
-        """Environment steps that are left of the whole budget."""
-        return self._problem.budget - self._steps
+        """Environment steps that are left: of the whole budget, or of what was reserved."""
+        return self._end - self._steps
 
     @abstractmethod
     def _prepare(self) -> None:
@@ -194,13 +216,13 @@ class ReservedSteps(TunerStrategy):
 
     def state(self) -> Any:
         """See `Tuner.state`."""
-        counted = self._steps, self._longest, self._searching
+        counted = self._steps, self._longest, self._searching, self._end
         return {**super().state(), "counted": counted}
 
     def restore(self, state: Any) -> None:
         """See `Tuner.restore`."""
         super().restore(state)
-        self._steps, self._longest, self._searching = state["counted"]
+        self._steps, self._longest, self._searching, self._end = state["counted"]
 
 
 def search_budget(budget: int, fraction: float) -> int:

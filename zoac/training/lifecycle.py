@@ -6,7 +6,7 @@ import signal
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,11 @@ from zoac.config import factory
 from zoac.config.auto_tuner import Choice, settled
 from zoac.config.files import AUTO
 from zoac.config.settings import Settings
-from zoac.core.errors import Interrupted, RunFolderError
+from zoac.core.errors import CallbackError, Interrupted, RunFolderError
 from zoac.core.tuner import Tuner
 from zoac.executors.base import Executor
 from zoac.loggers.base import Logger
+from zoac.loggers.callback import Callbacks
 from zoac.loggers.console import Console
 from zoac.rollout.task import Task
 from zoac.runs import provenance, schema
@@ -46,6 +47,7 @@ class Run:
         chosen: What "auto" stands for, and why, if the tuner was left open.
         doubts: What `config` cannot tell of the task, one sentence each; see
             `zoac.training.identity.with_code`.
+        callbacks: Follow the run and may stop it.
     """
 
     identity: Mapping[str, Any]
@@ -59,6 +61,7 @@ class Run:
     quiet: bool = False
     doubts: Sequence[str] = ()
     chosen: Choice | None = None
+    callbacks: Callbacks = field(default_factory=Callbacks)
 
 
 def run_session(
@@ -119,6 +122,7 @@ def execute(run: Run, folder: Path, again: str = "the same command") -> dict[str
     Raises:
         RunFolderError: If the folder holds another run, is damaged or in use.
         Interrupted: If a signal stopped the run; its checkpoint is written.
+        CallbackError: If a callback raises; likewise.
     """
     run_folder.make(folder)
     with run_folder.held(folder):
@@ -143,11 +147,18 @@ def execute(run: Run, folder: Path, again: str = "the same command") -> dict[str
             run.executor.start(run.task, run.settings.num_envs, run.settings.seed)
             # A caller's `np.seterr(all="raise")` is not for what zoac computes.
             with _stop_on_signal() as stop, np.errstate(all="warn", under="ignore"):
-                return Trainer(run.task, run.tuner, run.executor, run.settings, log, stop).run()
+                return Trainer(
+                    run.task, run.tuner, run.executor, run.settings, log, stop, run.callbacks
+                ).run()
         except Interrupted as stopped:
             by = "" if run.config["resume"] == "auto" else ", with resume=auto,"
             message = f"{stopped}; {again}{by} goes on from {folder}"
             raise Interrupted(message, stopped.record) from None
+        except CallbackError as error:
+            more = f"once that is mended, {again} goes on from {folder}"
+            if schema.is_done(folder):
+                more = f"the result is written, in {folder}"
+            raise CallbackError(f"{error}; {more}") from error.__cause__
         finally:
             run.executor.close()
             log.close()
@@ -224,6 +235,7 @@ def _run_record(run: Run) -> dict[str, Any]:
     return {
         "format": schema.FORMAT,
         **run.identity,
+        "tuner_name": run.tuner.display_name or run.identity["tuner"],
         "variant": run.config["variant"],
         "config": dict(run.config),
         "config_hash": schema.config_hash(run.config),

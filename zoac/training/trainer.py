@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from zoac.config.settings import Settings
-from zoac.core.errors import Interrupted, NothingWorksError
+from zoac.core.errors import CallbackError, Interrupted, NothingWorksError
 from zoac.core.segments import Segment
 from zoac.core.tuner import Tuner
 from zoac.executors.base import Executor
+from zoac.loggers.callback import Callbacks
 from zoac.rollout.constraints import FeasibilityFirst
 from zoac.rollout.task import Task
 from zoac.runs.log import RunLog
@@ -37,6 +38,7 @@ class Trainer:
         settings: Settings,
         log: RunLog,
         stop_requested: Callable[[], bool] = lambda: False,
+        callbacks: Callbacks | None = None,
     ) -> None:
         """
         Args:
@@ -46,10 +48,11 @@ class Trainer:
             settings: Seed, budget and evaluation.
             log: Where rows, checkpoints and the result go.
             stop_requested: Asked between iterations; True ends the run with a checkpoint.
+            callbacks: Follow the run and may stop it.
         """
         self._task, self._tuner, self._executor = task, tuner, executor
         self._settings, self._log = settings, log
-        self._stop_requested = stop_requested
+        self._stop_requested, self._callbacks = stop_requested, callbacks or Callbacks()
         self.progress = Progress()
         self._constraints = FeasibilityFirst(task.constraints, task.specs)
         self._evaluator = Evaluator(task, tuner, executor, settings.evaluation, self.progress)
@@ -67,11 +70,24 @@ class Trainer:
 
         Raises:
             Interrupted: If asked to stop; the run can be resumed.
+            CallbackError: If a callback raises; likewise.
         """
         self._checkpoints.restore()
         self._environments.state()  # warns at the start if they cannot be saved
+        self._callbacks.start(self._log.run, self._log.rows())
+        try:
+            self._tune()
+        except CallbackError:
+            self._checkpoints.save_if_due(now=True)
+            raise
+        return self._finish()
+
+    def _tune(self) -> None:
+        """Iterate until the budget is spent, the tuner is done or a callback stops the search."""
         while self.progress.env_steps < self._settings.budget:
             self._evaluate_if_due()
+            if self._callbacks.stopped_by and not self._tuner.end_search():
+                break
             with self.progress.timed("tuner_seconds"):
                 proposals = self._tuner.ask()
             if not proposals:
@@ -79,7 +95,6 @@ class Trainer:
             segments = self._executor.rollout(proposals, self._background_update)
             self._learn(segments)
             self._checkpoint_if_due()
-        return self._finish()
 
     def _learn(self, segments: list[Segment]) -> None:
         """Count what was spent and tell the tuner."""
@@ -102,12 +117,11 @@ class Trainer:
         costs = np.concatenate([s.costs for s in seen])
         terminations = sum(s.terminated for s in segments)
         progress.terminations += terminations
-        row = {"step_cost_mean": float(costs.mean()), "terminations": terminations}
-        self._log.row(
-            "train", self._stamp(iteration=progress.iteration), {**row, **failure, **metrics}
-        )
         progress.segments += len(segments)
         progress.failed_segments += sum(s.failure is not None for s in segments)
+        stamp = self._stamp(iteration=progress.iteration)
+        row = {"step_cost_mean": float(costs.mean()), "terminations": terminations}
+        self._callbacks.row(self._log.row("train", stamp, {**row, **failure, **metrics}))
         # Segments have one step or more, so that many failures are as many first steps.
         if progress.failed_segments == progress.env_steps >= HOPELESS:
             self._refuse("at its first step")
@@ -125,8 +139,8 @@ class Trainer:
     def _evaluate(self, *, final: bool) -> dict[str, Any]:
         """Evaluate the recommendation, log the row and return it."""
         row = self._evaluator.evaluate(final=final)
-        stamp = self._stamp()
-        self._log.row("eval", {**stamp, "compute_seconds": self.progress.compute_seconds}, row)
+        stamp = {**self._stamp(), "compute_seconds": self.progress.compute_seconds}
+        self._callbacks.row(self._log.row("eval", stamp, row))
         return row
 
     def _stamp(self, **more: Any) -> dict[str, Any]:
@@ -177,7 +191,11 @@ class Trainer:
             **self._verdict(final, start.get("baseline", {})),
             **self._tuner.outcome(),
         }
-        return self._log.finish({**result, "warnings": warnings(result, earlier)})
+        if self._callbacks.stopped_by:
+            result["stopped_by"] = self._callbacks.stopped_by
+        written = self._log.finish({**result, "warnings": warnings(result, earlier)})
+        self._callbacks.end(written)
+        return written
 
     def _verdict(self, after: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
         """Return `specs` of a result, from the rows of the answer and the baseline values."""
