@@ -29,6 +29,7 @@ from omegaconf.errors import OmegaConfBaseException
 from zoac.cli import sweep_report
 from zoac.cli.help import usage
 from zoac.cli.pipes import leave, reader_may_leave
+from zoac.cli.sweep_report import Outcome
 from zoac.config.compose import (
     check_overrides,
     explain,
@@ -38,7 +39,8 @@ from zoac.config.compose import (
     with_whole_steps,
 )
 from zoac.core.errors import ConfigError, ZoacError
-from zoac.training import lifeline
+from zoac.runs.schema import is_done
+from zoac.training import lifeline, run_folder
 
 WITH_VALUE = (
     "--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name", "-cn",
@@ -48,6 +50,9 @@ WITH_VALUE = (
 
 LOCAL_LAUNCHERS = ("joblib", "submitit_local")
 """Launchers whose jobs are processes of this machine, which end with the sweep."""
+
+ON_THIS_TERMINAL = ("basic", "joblib", "ray")
+"""Launchers whose jobs print where the sweep does; those of others print into files."""
 
 # Not empty once a configuration has been composed: what is raised before is about the overrides.
 _composed: list[bool] = []
@@ -60,6 +65,11 @@ class SweepStart(Callback):
         """Fix the sweep's folder, and the environment that jobs' processes inherit."""
         folder = str(Path(config.hydra.sweep.dir).expanduser().absolute())
         os.environ[lifeline.SWEEP] = folder
+        launcher = config.hydra.runtime.choices["hydra/launcher"]
+        if launcher in ON_THIS_TERMINAL:
+            os.environ[lifeline.TERMINAL] = str(os.getpid())
+            print("a sweep: a line for each job at its end, a table at the end of all", flush=True)
+        sweep_report.keep_given(Path(folder), list(config.hydra.overrides.task))
         # Composed anew for each job, where runs_dir may differ and another folder be the current.
         kept = folder.replace("${", "\\${")
         quoted = folder.replace("\\", "\\\\").replace("'", "\\'").replace("${", "\\${")
@@ -69,7 +79,7 @@ class SweepStart(Callback):
         # Numeric libraries read their number of threads when loaded, before Hydra would set it.
         for name, value in config.hydra.job.env_set.items():
             os.environ.setdefault(name, value)
-        if config.hydra.runtime.choices["hydra/launcher"] in LOCAL_LAUNCHERS:
+        if launcher in LOCAL_LAUNCHERS:
             _end_jobs_with_this_process(Path(folder))
 
 
@@ -104,8 +114,12 @@ def _job(config: DictConfig) -> None:
     lifeline.follow(Path(job.sweep.dir))
     if lifeline.is_cut():
         raise KeyboardInterrupt
-    with sweep_report.noted(Path(job.sweep.dir), job.job.num, job.overrides.task) as again:
-        _run(config, again)
+    choices = job.runtime.choices
+    identity = {"task": choices["task"], "tuner": choices["tuner"], "seed": config.seed}
+    with sweep_report.noted(
+        Path(job.sweep.dir), job.job.num, job.overrides.task, identity
+    ) as noted:
+        noted.outcome = _run(config, noted.again)
 
 
 def _refuse_half_a_sweep(job: Any) -> None:
@@ -116,7 +130,7 @@ def _refuse_half_a_sweep(job: Any) -> None:
         raise ConfigError(f"experiment={name} is a sweep over {', '.join(swept)}: add -m")
 
 
-def _run(config: DictConfig, again: bool = False) -> None:
+def _run(config: DictConfig, again: bool = False) -> Outcome:
     """Tune; `again`: go on with what an earlier start of the same job began."""
     job = HydraConfig.get()
     plain = resolved(config)
@@ -133,7 +147,9 @@ def _run(config: DictConfig, again: bool = False) -> None:
     from zoac.training.lifecycle import run_session
 
     names = {group: choices[group] for group in ("task", "tuner", "fidelity")}
-    run_session(plain, command=sys.argv, **names)
+    folder = run_folder.of(plain, names["task"], names["tuner"])
+    done = is_done(folder) and plain["resume"] != "overwrite"
+    return Outcome.of(run_session(plain, command=sys.argv, **names), folder, done)
 
 
 def multirun_first(arguments: Sequence[str]) -> list[str]:
@@ -162,7 +178,8 @@ def main() -> None:
     sys.argv = [sys.argv[0], *arguments]
     # Hydra then hands its exceptions on instead of printing them, and we say it in one message.
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")
-    os.environ.pop(lifeline.SWEEP, None)
+    for name in (lifeline.SWEEP, lifeline.TERMINAL):
+        os.environ.pop(name, None)
     if os.getcwd() not in sys.path:  # `zoac` instead of `python -m zoac.run`: a user's modules
         sys.path.insert(0, os.getcwd())
     gave_up = ""

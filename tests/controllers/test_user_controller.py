@@ -10,7 +10,7 @@ import pytest
 import zoac
 from tests.envs.test_adapters import Batched, Drift, Integrator
 from tests.support import same_segment
-from zoac.check import hidden_state
+from zoac.checks.controller import hidden_state
 from zoac.controllers.user_controller import ScalarController
 from zoac.core.errors import ConfigError, ControllerError
 from zoac.core.segments import Proposal

@@ -8,6 +8,7 @@ import pytest
 from tests.envs.test_adapters import Drift, Integrator
 from tests.support import CountingTask
 from zoac import check
+from zoac.checks import environment
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.tasks.user_task import UserTask, user_task
 
@@ -166,7 +167,7 @@ def test_a_parameter_without_effect_is_named():
 
 def test_a_slow_step_is_named():
     def slow(params, obs):
-        time.sleep(check.SLOW + 0.01)
+        time.sleep(environment.SLOW + 0.01)
         return act(params, obs)
 
     assert not check.time_per_step(task(controller=slow))[0]

@@ -52,13 +52,17 @@ def test_every_launcher_gives_the_same_numbers_and_tells_of_failures(
     launcher, one_after_the_other, tmp_path
 ):
     needs(launcher)
-    code, _, err = sweep(*SIX, f"launcher={launcher}", cwd=tmp_path)
+    code, out, err = sweep(*SIX, f"launcher={launcher}", cwd=tmp_path)
     assert len(one_after_the_other) == 4
     assert results(tmp_path / "runs") == one_after_the_other
     assert code == 1
     assert "4 job(s) of the sweep done\n2 job(s) of the sweep failed:\n" in err
     assert err.count("seed=-1: input should be greater than or equal to 0") >= 2
     assert "Traceback" not in err
+    if launcher == "joblib":  # submitit's jobs write into files; ray marks each line
+        assert sum(": cost 2" in line for line in out.splitlines()) == 4
+        assert len(out.splitlines()) == 5  # what a line is, and one for each job
+    assert "HYDRA" not in out + err
 
 
 def test_a_job_that_dies_is_told(tmp_path):

@@ -4,9 +4,10 @@ import json
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
-from zoac.cli.sweep_report import noted, report
+from zoac.cli.sweep_report import Outcome, keep_given, noted, report
 from zoac.config.compose import compose_config, explain, variant_of
 from zoac.core.errors import ConfigError
 
@@ -38,9 +39,39 @@ def test_a_signal_is_noted_and_goes_on(tmp_path):
 def test_a_job_knows_that_it_has_begun_before(tmp_path):
     known = []
     for number in (0, 1, 0):
-        with noted(tmp_path, number, [f"seed={number}"]) as again:
-            known.append(again)
+        with noted(tmp_path, number, [f"seed={number}"]) as job:
+            known.append(job.again)
     assert known == [False, False, True]
+
+
+SWEPT = ["tuner=zoac", "tuner.exploration.sigma=0.125", "critic.hidden=[16,16,16,16,16,16]"]
+
+
+def outcome(folder, **changes):
+    result = {"cost_mean": 2.0, "wall_seconds": 61.4, "variant": "v=1", "warnings": ["one"]}
+    return Outcome.of({**result, **changes}, folder, done_already=False)
+
+
+def test_each_job_prints_a_line_and_the_end_a_table_within_80_columns(tmp_path, capsys):
+    keep_given(tmp_path, ["budget=400", "seed=0,1"])
+    identity = {"task": "pid_acc", "tuner": "zoac"}
+    for seed, changes in enumerate([{"baseline_cost_mean": 3.25}, {"cost_mean": np.nan}]):
+        job = ["budget=400", f"seed={seed}", *SWEPT]
+        with noted(tmp_path, seed, job, {**identity, "seed": seed}) as one:
+            one.outcome = outcome(tmp_path / f"pid_acc/zoac/seed={seed}/variant=v=1", **changes)
+    with noted(tmp_path, 2, ["budget=400", "seed=2"], {**identity, "seed": 2}):
+        raise ConfigError("no such plant")
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith("pid_acc zoac seed=0 sigma=0.125 ")
+    assert first.endswith("...: cost 3.25 -> 2, 61 s, 1 warning")
+    assert second.endswith(": cost not finite, 61 s, 1 warning")
+    lines = report(tmp_path)[0].splitlines()
+    assert lines[1].split() == ["task", "tuner", "seed", "cost", "before", "after", "seconds"]
+    assert lines[2].split()[:7] == ["pid_acc", "zoac", "0", "3.25", "->", "2", "61"]
+    assert "pid_acc zoac 2 failed" in [" ".join(line.split()) for line in lines]
+    assert f"folders: {tmp_path}/<task>/<tuner>/seed=<seed>/variant=v=1" in lines
+    assert "  pid_acc zoac seed=2: no such plant" in lines
+    assert all(len(line) <= 80 for line in [first, second, *lines] if str(tmp_path) not in line)
 
 
 def test_a_dead_process_is_told_from_one_that_still_runs(tmp_path):

@@ -52,9 +52,12 @@ def test_a_line_of_an_evaluation_fits_80_columns_without_the_runs_name():
     assert told[1].split("|")[1].strip() == "41:40, 41:40 left"
 
 
-def test_jobs_side_by_side_name_their_seed():
-    lines = [line for line in printed(io.StringIO(), job=True).splitlines() if " steps | " in line]
-    assert all(line.startswith("seed=3 ") for line in lines)
+def test_a_job_of_a_sweep_shows_the_line_that_moves_at_most():
+    assert printed(io.StringIO(), brief=True) == ""
+    assert printed(Terminal(), brief=True, live=False) == ""
+    moving = printed(Terminal(), brief=True)
+    assert "tank zoac seed=3  0%|" in moving
+    assert "\n" not in moving
 
 
 def test_a_terminal_has_one_line_that_moves():

@@ -132,6 +132,13 @@ def test_an_early_stop_leaves_the_acceptance_test_its_steps(tmp_path):
     assert result.parameters["k"] == 0.1 or test["accepted"]
 
 
+@pytest.mark.parametrize(("iterations", "selected"), [(2, False), (9, True)])
+def test_zoac_plus_stops_in_successive_halving_or_with_its_final_selection(iterations, selected):
+    result = tune(callbacks=[After(iterations)], tuner="zoac_plus")
+    assert result.env_steps < 1900
+    assert (result.record.get("select", {}).get("episodes", 0) > 0) == selected
+
+
 def test_what_raises_is_named_and_once_mended_the_run_goes_on_to_the_same_bits(tmp_path):
     class Typo(zoac.Callback):
         def on_iteration(self, row):

@@ -12,38 +12,95 @@ import platform
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from zoac.cli import sweep_table
 from zoac.core.errors import ZoacError
 from zoac.runs.schema import write_json
 from zoac.training.lifeline import GRACE
 
 RUNNING, STOPPED, FAILED, DONE = "running", "stopped", "failed", "done"
 
+GIVEN = "given.json"
+"""File of a sweep's folder with the overrides as they were typed."""
+
+
+@dataclass
+class Outcome:
+    """What a job's line and the table at the end say of its run.
+
+    Args:
+        before: Mean cost of the baseline on the final episodes; None without a baseline.
+        after: Of the answer.
+        seconds: That the run took, earlier processes included.
+        folder: The run folder.
+        variant: As in `run.json`.
+        warnings: How many.
+        done_already: Nothing was left to do.
+    """
+
+    before: float | None
+    after: float
+    seconds: float
+    folder: str
+    variant: str | None
+    warnings: int
+    done_already: bool
+
+    @classmethod
+    def of(cls, result: Mapping[str, Any], folder: Path, done_already: bool) -> Outcome:
+        """Return what `result.json` holds of it."""
+        return cls(
+            before=result.get("baseline_cost_mean"),
+            after=result["cost_mean"],
+            seconds=result["wall_seconds"],
+            folder=str(folder),
+            variant=result["variant"],
+            warnings=len(result["warnings"]),
+            done_already=done_already,
+        )
+
+
+class Job:
+    """One job of a sweep while it runs."""
+
+    def __init__(self, again: bool) -> None:
+        """
+        Args:
+            again: Whether this job of this sweep has begun before: a scheduler has put it back in
+                its queue, or repeats it after a crash.
+        """
+        self.again = again
+        self.outcome: Outcome | None = None
+
 
 @contextmanager
-def noted(folder: Path, number: int, overrides: Sequence[str]) -> Iterator[bool]:
-    """Keep the note of one job; its failure is noted and goes no further, for its siblings' sake.
+def noted(
+    folder: Path, number: int, overrides: Sequence[str], identity: Mapping[str, Any] | None = None
+) -> Iterator[Job]:
+    """Keep the note of one job, and print a line at its end.
 
-    Yields whether this job of this sweep has begun before: a scheduler has put it back in its
-    queue, or repeats it after a crash.
+    A failure is noted and goes no further, for its siblings' sake.
 
     Args:
         folder: The sweep's folder.
         number: The job's number in the sweep.
         overrides: What makes this job.
+        identity: Its `task`, `tuner` and `seed`.
     """
     path = folder / f"{number}.json"
-    again = path.exists()
+    job = Job(again=path.exists())
     folder.mkdir(parents=True, exist_ok=True)
-    named = " ".join(overrides)
-    note = {"job": named, "host": platform.node(), "pid": os.getpid()}
+    note = {"job": " ".join(overrides), "host": platform.node(), "pid": os.getpid()}
+    note |= {**(identity or {}), "more": _more(folder, overrides)}
+    named = sweep_table.name(note)
     write_json(path, {**note, "state": RUNNING})
     try:
-        yield again
+        yield job
     except ZoacError as error:
         print(f"error in {named}: {error}", file=sys.stderr)
         write_json(path, {**note, "state": FAILED, "reason": str(error)})
@@ -57,7 +114,26 @@ def noted(folder: Path, number: int, overrides: Sequence[str]) -> Iterator[bool]
         write_json(path, {**note, "state": STOPPED})
         raise
     else:
+        if job.outcome is not None:
+            note |= asdict(job.outcome)
+            print(sweep_table.line(note), flush=True)
         write_json(path, {**note, "state": DONE})
+
+
+def keep_given(folder: Path, overrides: Sequence[str]) -> None:
+    """Note the overrides of a sweep as they were typed, before its jobs begin."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(folder / GIVEN, {"overrides": list(overrides)})
+
+
+def _more(folder: Path, overrides: Sequence[str]) -> str:
+    """Return what tells a job from its siblings beside task, tuner and seed."""
+    given = set()
+    if (folder / GIVEN).is_file():
+        given = set(json.loads((folder / GIVEN).read_text(encoding="utf-8"))["overrides"])
+    named = ("task=", "tuner=", "seed=", "method=", "experiment=", "launcher=")
+    swept = [o.partition("=") for o in overrides if o not in given and not o.startswith(named)]
+    return " ".join(f"{key.rpartition('.')[2]}={value}" for key, _, value in swept)
 
 
 def end(folder: Path, let_go: Callable[[], None]) -> None:
@@ -79,7 +155,7 @@ def has_begun(folder: Path) -> bool:
 
 
 def report(folder: Path) -> tuple[str, bool]:
-    """Return what became of a sweep's jobs, in words, and whether all that began are done.
+    """Return what became of a sweep's jobs, a table first, and whether all that began are done.
 
     Args:
         folder: The sweep's folder.
@@ -88,8 +164,8 @@ def report(folder: Path) -> tuple[str, bool]:
     if not notes:
         return "the sweep has no jobs: no value of what it goes through was found", False
     lines = {
-        FAILED: [f"{n['job']}: {n['reason']}" for n in notes if n["state"] == FAILED],
-        STOPPED: [n["job"] for n in notes if n["state"] == STOPPED],
+        FAILED: [f"{sweep_table.name(n)}: {n['reason']}" for n in notes if n["state"] == FAILED],
+        STOPPED: [sweep_table.name(n) for n in notes if n["state"] == STOPPED],
     }
     going = [n for n in notes if n["state"] == RUNNING]
     lines["died without a word (killed, or out of memory)"] = [
@@ -103,15 +179,16 @@ def report(folder: Path) -> tuple[str, bool]:
         if named:
             indented = "".join(f"\n  {line}" for line in sorted(named))
             paragraphs.append(f"{len(named)} job(s) of the sweep {what}:{indented}")
-    return "\n".join(paragraphs), len(paragraphs) == 1
+    return "\n".join([*sweep_table.table(notes), *paragraphs]), len(paragraphs) == 1
 
 
 def _notes(folder: Path) -> list[dict[str, Any]]:
-    return [json.loads(p.read_text(encoding="utf-8")) for p in folder.glob("[0-9]*.json")]
+    paths = sorted(folder.glob("[0-9]*.json"), key=lambda path: int(path.stem))
+    return [json.loads(path.read_text(encoding="utf-8")) for path in paths]
 
 
 def _where(note: dict[str, Any]) -> str:
-    return f"{note['job']} (process {note['pid']} on {note['host']})"
+    return f"{sweep_table.name(note)} (process {note['pid']} on {note['host']})"
 
 
 def _known_dead(note: dict[str, Any]) -> bool:

@@ -17,6 +17,9 @@ from zoac.specs.verdict import lines, restored
 MAX_PARAMETERS = 10
 """Parameters that the last lines show; the rest are counted."""
 
+BAR = "{desc}{percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} steps, {remaining} left{postfix}"
+"""The line that moves, for tqdm."""
+
 
 class Console:
     """Standard output, or another stream."""
@@ -26,21 +29,23 @@ class Console:
         budget: int,
         folder: Path | None = None,
         stream: TextIO | None = None,
-        job: bool = False,
+        brief: bool = False,
+        live: bool = True,
     ) -> None:
         """
         Args:
             budget: Environment steps.
             folder: The run folder, to be named at the end.
             stream: Where to; None: standard output, if there is one.
-            job: Other jobs write to the same stream, so that each line names its seed.
+            brief: Print nothing but the line that moves: a sweep prints one line about each run.
+            live: Whether a line may move; False if other processes write to the same stream.
         """
-        self._budget, self._folder, self._job = budget, folder, job
+        self._budget, self._folder, self._brief = budget, folder, brief
         # There is no standard output in a program without a console.
         self._stream = stream or sys.stdout or io.StringIO()
-        self._live = not job and (self._stream.isatty() or _is_notebook())
+        self._live = live and (self._stream.isatty() or _is_notebook())
         self._bar: tqdm[Any] | None = None
-        self._seed = ""
+        self._name = ""
         self._units: dict[str, str] = {}
         self._first: tuple[float, int] | None = None
         self._best = np.inf
@@ -48,11 +53,10 @@ class Console:
     def start(self, run: Mapping[str, Any]) -> None:
         """Print what runs, and the tuner's choices that a comparison must show."""
         variant = f" {run['variant']}" if run["variant"] else ""
-        self._seed = f"seed={run['seed']} " if self._job else ""
         self._units = {p["name"]: p["unit"] for p in run.get("parameters", [])}
         told = f", minimising {run['objective']}" if run.get("objective") else ""
-        name = f"{run['task']} {run['tuner']} seed={run['seed']}{variant}"
-        self._print(f"{name}: {self._budget:,} steps{told}")
+        self._name = f"{run['task']} {run['tuner']} seed={run['seed']}"
+        self._print(f"{self._name}{variant}: {self._budget:,} steps{told}")
         if run.get("episodes"):
             self._print(f"  episodes: {run['episodes']}")
         for choice, value in run["tuner_choices"].items():
@@ -66,7 +70,8 @@ class Console:
             if self._live:
                 self._bar = tqdm(
                     total=self._budget, initial=row["env_steps"], file=self._stream, leave=False,
-                    unit=" steps", unit_scale=True, dynamic_ncols=True, mininterval=0.5,
+                    unit_scale=True, dynamic_ncols=True, mininterval=0.5, bar_format=BAR,
+                    desc=self._name if self._brief else None,
                 )  # fmt: skip
         if "first_failure" in row:
             self._print(f"  the first step that failed, priced: {row['first_failure']}")
@@ -110,8 +115,7 @@ class Console:
         if self._folder is not None:
             folder = shlex.quote(str(self._folder))
             self._print(f"  run folder: {folder}")
-            if not self._job:
-                self._print(f"  a page about it: python -m zoac.analysis.report {folder}")
+            self._print(f"  a page about it: python -m zoac.analysis.report {folder}")
 
     def _progress(self, row: Mapping[str, Any]) -> str:
         """Return steps, time so far and time left, from the rate since this process began."""
@@ -122,9 +126,11 @@ class Console:
         if done > 0 and steps < self._budget:
             seconds = (wall - self._first[0]) / done * (self._budget - steps)
             left = f", {_clock(seconds)} left"
-        return f"{self._seed}{steps:>9,} steps | {_clock(wall)}{left}"
+        return f"{steps:>9,} steps | {_clock(wall)}{left}"
 
     def _print(self, text: str) -> None:
+        if self._brief:
+            return
         if self._bar is not None:
             self._bar.clear()
         encoding = getattr(self._stream, "encoding", None) or "utf-8"

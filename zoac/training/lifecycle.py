@@ -93,6 +93,7 @@ def run_session(
     settings = factory.build_settings(config)
     folder = run_folder.of(config, task, tuner)
     identified, doubts = with_code(config, the_task)
+    brief = lifeline.shares_terminal()
     run = Run(
         identity={"task": task, "tuner": tuner, "seed": config["seed"]},
         config=identified,
@@ -104,9 +105,10 @@ def run_session(
         settings=settings,
         loggers=[
             *factory.build_loggers(config),
-            Console(settings.budget, folder, job=lifeline.is_job()),
+            Console(settings.budget, folder, brief=brief, live=lifeline.is_sweep() or not brief),
         ],
         chosen=chosen,
+        quiet=brief,
     )
     return execute(run, folder)
 

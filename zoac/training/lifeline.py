@@ -23,6 +23,9 @@ GRACE = 3.0
 SWEEP = "ZOAC_SWEEP"
 """Environment variable with a sweep's folder, for its jobs."""
 
+TERMINAL = "ZOAC_SWEEP_TERMINAL"
+"""Environment variable with the process of a sweep whose jobs print on its terminal."""
+
 _POLL = 0.25
 _cut = threading.Event()
 
@@ -30,6 +33,16 @@ _cut = threading.Event()
 def is_job() -> bool:
     """Tell whether this process runs jobs of a sweep."""
     return SWEEP in os.environ
+
+
+def shares_terminal() -> bool:
+    """Tell whether other jobs of the sweep print where this one does."""
+    return TERMINAL in os.environ
+
+
+def is_sweep() -> bool:
+    """Tell whether the sweep's jobs run in this very process, one after the other."""
+    return os.environ.get(TERMINAL) == str(os.getpid())
 
 
 def hold(folder: Path) -> Callable[[], None]:

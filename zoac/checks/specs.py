@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from zoac.checks.samples import Found
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.evaluation import evaluation_proposals
 from zoac.rollout.task import Task
@@ -13,7 +14,7 @@ EPISODES = 5
 """Evaluation episodes, the first of a run's."""
 
 
-def baseline_specs(task: Task) -> tuple[bool, str]:
+def baseline_specs(task: Task) -> Found:
     """Return whether the specs can be judged, and what they come to with the baseline values.
 
     Without baseline values the middle of the bounds takes their place.

@@ -1,0 +1,1 @@
+"""What must hold of a task before it is tuned."""
