@@ -156,11 +156,11 @@ class _LockedVecEnv(CountingVecEnv):
         super().__init__(*arguments)
         self.lock = threading.Lock()
 
-    def state(self, num_envs: Any) -> Any:
-        return super().state(num_envs), OwnObject(self.lock)
+    def state(self, env_indices: Any) -> Any:
+        return super().state(env_indices), OwnObject(self.lock)
 
-    def restore(self, num_envs: Any, state: Any) -> Any:
-        return super().restore(num_envs, state[0])
+    def restore(self, env_indices: Any, state: Any) -> Any:
+        return super().restore(env_indices, state[0])
 
 
 class LockedTask(CountingTask):

@@ -96,7 +96,7 @@ def test_target_scale_leaves_the_units_of_values_and_loss(scale):
     np.testing.assert_allclose(critic.values(observations).mean(), 3.0 / scale, rtol=0.1)
 
 
-def test_restored_critic_goes_on_to_the_same_bits():
+def test_restored_critic_continues_bit_for_bit():
     rng = np.random.default_rng(5)
     observations, targets = rng.normal(size=(100, 5)), rng.normal(size=100)
     critic = make_critic(epochs=2, normalise_observations=True)

@@ -114,7 +114,7 @@ def test_a_reference_on_another_problem_is_refused(tmp_path, capsys, changed):
     assert "in nominal on pid_acc; " in told
 
 
-def test_two_runs_for_one_place_in_the_table_are_refused_by_name(runs, capsys):
+def test_two_runs_for_one_cell_of_the_table_are_refused_and_named(runs, capsys):
     write_run(runs, seed=1, costs=(1.0, 2.0), variant="mpc_solver=riccati")
     assert beyond.main([str(runs)]) == 1
     told = capsys.readouterr().err

@@ -98,7 +98,7 @@ def test_the_files_are_the_same_bytes_whenever_written(runs, small, tmp_path):
         assert (tmp_path / "again" / name).read_bytes() == (small / name).read_bytes()
 
 
-def test_a_folder_with_a_file_missing_is_refused_by_name(small, capsys):
+def test_a_folder_with_a_file_missing_is_refused_and_the_file_named(small, capsys):
     (small / "methods.json").unlink()
     assert table2.main([str(small)]) == 1
     assert "methods.json" in capsys.readouterr().err
@@ -109,7 +109,7 @@ def test_one_record_serves_all_seeds_of_a_method(small):
     assert [record["tuner"] for record in records] == ["bo", "nominal", "zoac"]
 
 
-def test_a_folder_of_another_form_is_refused_by_name(small, capsys):
+def test_a_folder_of_another_format_is_refused_and_named(small, capsys):
     (small / "methods.json").write_text('{"methods": []}')
     assert table2.main([str(small)]) == 1
     assert "write them anew with python -m zoac.analysis.compact" in capsys.readouterr().err
@@ -123,7 +123,7 @@ def test_a_folder_of_another_form_is_refused_by_name(small, capsys):
         (lambda b: b[:-1] + b",7\n", "has not the columns"),
     ],
 )
-def test_a_file_that_was_cut_off_is_refused_by_name(small, capsys, cut, told):
+def test_a_file_that_was_cut_off_is_refused_and_named(small, capsys, cut, told):
     path = small / "runs.csv"
     path.write_bytes(cut(path.read_bytes()))
     assert table2.main([str(small), "--task", "pid_acc"]) == 1

@@ -37,7 +37,7 @@ def test_folders_that_begin_with_a_dot_are_not_looked_into(tmp_path: Path) -> No
     assert [run.seed for run in load(tmp_path).runs] == [0]
 
 
-def test_an_empty_folder_is_skipped_by_name(tmp_path: Path) -> None:
+def test_an_empty_folder_is_skipped_and_named(tmp_path: Path) -> None:
     write_run(tmp_path)
     (tmp_path / "pid_acc" / "zoac" / "seed=1").mkdir()
     assert skipped(tmp_path) == [

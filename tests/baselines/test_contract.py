@@ -67,7 +67,7 @@ def test_other_seeds_ask_otherwise(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_restored_tuner_goes_on_to_the_same_bits(name):
+def test_a_restored_tuner_continues_bit_for_bit(name):
     tuner, group = make(name), engine()
     drive(tuner, group, short(name))
     encoded = encode((tuner.state(), group.state()))

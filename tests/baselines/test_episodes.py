@@ -113,7 +113,7 @@ def test_reevaluation_recommends_the_best_mean_of_the_held_out_episodes():
     assert np.array_equal(tuner.recommend(), min(points, key=true_cost))
 
 
-def test_a_run_restored_during_reevaluation_goes_on_to_the_same_numbers():
+def test_a_run_restored_during_reevaluation_continues_with_the_same_numbers():
     tuner, group = reevaluated(), engine()
     drive(tuner, group, 460 * STEPS)
     twin = reevaluated()

@@ -104,7 +104,7 @@ FOLDER = "runs/pid_acc/zoac/seed=0/variant=small"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_stops_cleanly_and_the_same_command_ends_on_the_same_bits(tmp_path, number):
+def test_a_signal_stops_cleanly_and_the_same_command_ends_with_the_same_numbers(tmp_path, number):
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
     command = [*SMALL, "budget=6000"]

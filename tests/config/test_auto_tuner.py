@@ -39,7 +39,7 @@ def test_it_is_chosen_by_parameters_budget_and_specs(dimension, with_specs, epis
     assert chosen.settings == ({"common_random_numbers": True} if common else {})
 
 
-def test_it_is_the_default_and_is_recorded_by_name():
+def test_it_is_the_default_and_the_tuner_it_chose_is_recorded():
     result = zoac.tune(task="lqr", budget=20_000, quiet=True, final_episodes=2)
     assert np.isfinite(result.cost_mean)
     assert zoac.load_result(result.folder).record["tuner"] == "cmaes_full"

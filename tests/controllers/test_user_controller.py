@@ -19,15 +19,15 @@ from zoac.tasks.user_task import user_task
 from zoac.training.trainer import Trainer
 
 
-def group(controller, num_envs=(0, 1), penalty=None, **options):
+def group(controller, env_indices=(0, 1), penalty=None, **options):
     task = user_task(env=Drift, controller=controller, space={"k": (0.0, 1.0)},
                      max_episode_steps=9, **options)  # fmt: skip
     task.failure_penalty = penalty
-    return RolloutEngine(task, list(num_envs), [100 + env_index for env_index in num_envs])
+    return RolloutEngine(task, list(env_indices), [100 + env_index for env_index in env_indices])
 
 
-def plan(*num_envs, **kind):
-    return [Proposal(np.array([0.1 * env_index]), env_index, **kind) for env_index in num_envs]
+def plan(*env_indices, **kind):
+    return [Proposal(np.array([0.1 * env_index]), env_index, **kind) for env_index in env_indices]
 
 
 EVERYTHING = [
@@ -90,7 +90,7 @@ def test_every_form_of_one_controller_gives_the_same_bits(form):
 
 
 @pytest.mark.parametrize("form", [Integrator(), Forgetful, Protocol])
-def test_saved_controllers_go_on_to_the_same_bits(form):
+def test_saved_controllers_continue_bit_for_bit(form):
     group_, twin, twice = group(form), group(form), group(form)
     group_.rollout(plan(0, 1, horizon=4))
     state = group_.state()
@@ -115,15 +115,15 @@ class Counting(Integrator):
 
 def test_an_object_is_copied_once_an_environment_and_at_snapshots_in_mid_episode_only():
     Counting.copies = 0
-    num_envs = group(Counting())
+    engine = group(Counting())
     assert Counting.copies == 2
-    assert num_envs._task.restore_fault is None  # the trial makes and saves one of its own
+    assert engine._task.restore_fault is None  # the trial makes and saves one of its own
     Counting.copies = 2
-    num_envs.rollout(plan(0, 1) * 3)
-    num_envs.rollout(plan(0, 1, seed=3))
+    engine.rollout(plan(0, 1) * 3)
+    engine.rollout(plan(0, 1, seed=3))
     assert Counting.copies == 2  # an environment that begins an episode has nothing to save
-    num_envs.rollout(plan(0, horizon=2))
-    num_envs.rollout(plan(0, horizon=2, restore=True))
+    engine.rollout(plan(0, horizon=2))
+    engine.rollout(plan(0, horizon=2, restore=True))
     assert Counting.copies == 3
 
 
@@ -138,11 +138,11 @@ class Saved(Protocol):
 
 
 def test_the_protocol_is_used_instead_of_copies():
-    num_envs = group(Saved)
-    assert num_envs._task.restore_fault is None
+    engine = group(Saved)
+    assert engine._task.restore_fault is None
     Saved.saved = 0
-    num_envs.rollout(plan(0, 1, horizon=2))
-    num_envs.rollout(plan(0, 1, horizon=2, restore=True))
+    engine.rollout(plan(0, 1, horizon=2))
+    engine.rollout(plan(0, 1, horizon=2, restore=True))
     assert Saved.saved == 2
 
 
@@ -363,7 +363,7 @@ def test_the_check_sees_what_an_episode_leaves_to_the_next(form, text):
 
 @pytest.mark.parametrize("executor", ["serial", "process"])
 @pytest.mark.parametrize("form", [Integrator(), Forgetful, Protocol])
-def test_a_run_that_is_stopped_and_resumed_ends_at_the_same_bits(
+def test_a_run_that_is_stopped_and_resumed_ends_with_the_same_numbers(
     form, executor, tmp_path, monkeypatch
 ):
     options = {"tuner": "zoac", "executor": executor}

@@ -86,7 +86,7 @@ def test_names_must_differ():
 
 
 @pytest.mark.parametrize("method", ["clip", "values", "rounded", "denormalise", "named"])
-def test_what_is_no_number_is_refused_by_name(method):
+def test_what_is_no_number_is_refused_and_named(method):
     space = ParameterSpace([Parameter("kp", 0, 1), choice("mode", ["a", "b"]), integer("n", 1, 3)])
     for place, name in enumerate(("kp", "mode=a", "mode=b", "n")):
         x = np.zeros(4)

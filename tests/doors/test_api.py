@@ -208,7 +208,7 @@ def test_a_run_is_called_after_its_environment():
     assert read_run(tune(budget=0, env=partial(Sized, 2.0)).folder)["task"] == "Sized"
 
 
-def test_a_folder_can_be_begun_anew(tmp_path):
+def test_overwrite_begins_the_run_of_a_folder_again(tmp_path):
     tune(folder=tmp_path / "run")
     again = tune(folder=tmp_path / "run", controller=other, resume="overwrite")
     assert again.parameters == tune(controller=other).parameters

@@ -50,13 +50,13 @@ class Integrator:
 SPACE, _, _ = parse_space({"k": (0.0, 1.0)})
 
 
-def make_group(num_envs, controller=None, **options):
+def make_group(env_indices, controller=None, **options):
     task = UserTask(Drift, controller or Integrator(), SPACE, max_episode_steps=9, **options)
-    return RolloutEngine(task, num_envs, [100 + env_index for env_index in num_envs])
+    return RolloutEngine(task, env_indices, [100 + env_index for env_index in env_indices])
 
 
-def plan(num_envs, **kind):
-    return [Proposal(np.array([0.1]), env_index, **kind) for env_index in num_envs]
+def plan(env_indices, **kind):
+    return [Proposal(np.array([0.1]), env_index, **kind) for env_index in env_indices]
 
 
 def test_cost_is_the_negative_reward_and_the_limit_truncates():
@@ -90,7 +90,7 @@ def test_a_restored_segment_leaves_environment_and_controller_where_they_stood()
     assert same_segment(after, straight.rollout(plan([0], horizon=4))[0])
 
 
-def test_restored_environments_go_on_to_the_same_bits():
+def test_restored_environments_continue_bit_for_bit():
     group, twin = make_group([0, 1]), make_group([0, 1])
     group.rollout(plan([0, 1], horizon=4))
     twin.restore(group.state())
@@ -99,9 +99,9 @@ def test_restored_environments_go_on_to_the_same_bits():
 
 
 def test_actions_reach_the_environment_in_its_own_type_and_bounds():
-    num_envs = GymnasiumVecEnv([env := Drift()], 5)
-    num_envs.reset(seed=[0])
-    num_envs.step(np.array([[9.0]]))
+    envs = GymnasiumVecEnv([env := Drift()], 5)
+    envs.reset(seed=[0])
+    envs.step(np.array([[9.0]]))
     assert env.last_action.dtype == np.float32
     assert env.last_action.tolist() == [1.0]
 
@@ -212,24 +212,24 @@ class Heavy(Drift):
     mass = 1.0
 
 
-def masses(num_envs):
-    return [env.unwrapped.mass for env in num_envs._envs]
+def masses(envs):
+    return [env.unwrapped.mass for env in envs._envs]
 
 
 def test_a_plant_that_varies_is_drawn_from_the_environments_seed():
-    num_envs = GymnasiumVecEnv([Heavy(), Heavy(), Heavy()], 5, vary={"mass": (0.5, 2.0)})
-    num_envs.reset(seed=[7, 7, 8])
-    one, two, three = masses(num_envs)
+    envs = GymnasiumVecEnv([Heavy(), Heavy(), Heavy()], 5, vary={"mass": (0.5, 2.0)})
+    envs.reset(seed=[7, 7, 8])
+    one, two, three = masses(envs)
     assert one == two != three
     assert all(0.5 <= mass <= 2.0 for mass in (one, three))
-    state = num_envs.state([0])
-    num_envs.reset()
-    following = masses(num_envs)[0]
+    state = envs.state([0])
+    envs.reset()
+    following = masses(envs)[0]
     assert following != one
-    num_envs.restore([0], state)
-    assert masses(num_envs)[0] == one
-    num_envs.reset()
-    assert masses(num_envs)[0] == following
+    envs.restore([0], state)
+    assert masses(envs)[0] == one
+    envs.reset()
+    assert masses(envs)[0] == following
 
 
 def test_a_plant_is_set_and_what_it_has_not_is_named():
@@ -288,18 +288,18 @@ class Restless(Heavy):
 
 
 @pytest.mark.parametrize("how", [{"plant": {"mass": 3.0}}, {"vary": {"mass": (2.0, 3.0)}}])
-def test_a_plant_that_the_reset_undoes_is_refused_by_name(how):
-    num_envs = GymnasiumVecEnv([Restless()], 5, **how)
+def test_a_number_that_reset_overwrites_is_refused_and_named(how):
+    envs = GymnasiumVecEnv([Restless()], 5, **how)
     with pytest.raises(ConfigError, match=r"Restless.reset sets 'mass' to 1.0 itself"):
-        num_envs.reset(seed=[0])
+        envs.reset(seed=[0])
 
 
 def test_a_plant_holds_at_the_start_of_every_episode():
-    num_envs = GymnasiumVecEnv([Restless(resets=False)], 5, plant={"mass": 3.0})
+    envs = GymnasiumVecEnv([Restless(resets=False)], 5, plant={"mass": 3.0})
     for _ in range(2):
-        num_envs.reset(seed=[0])
-        assert masses(num_envs) == [3.0]
-        num_envs.step(np.zeros((1, 1)))
+        envs.reset(seed=[0])
+        assert masses(envs) == [3.0]
+        envs.step(np.zeros((1, 1)))
 
 
 class Endless(Drift):

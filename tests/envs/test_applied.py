@@ -103,9 +103,9 @@ def test_a_wrapper_that_may_change_units_is_not_looked_through():
     assert plant.unwrapped.last_action == np.float32(0.25)
 
 
-def applied(num_envs, *commands):
-    num_envs.reset(seed=0)
-    return [num_envs.step(np.array([c]))[4]["actions"][0].tolist() for c in commands]
+def applied(envs, *commands):
+    envs.reset(seed=0)
+    return [envs.step(np.array([c]))[4]["actions"][0].tolist() for c in commands]
 
 
 def test_built_in_plants_tell_what_they_applied():

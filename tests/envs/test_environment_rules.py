@@ -24,10 +24,10 @@ def test_what_step_returns_is_checked(returned, message):
         def step(self, action):
             return returned
 
-    num_envs = GymnasiumVecEnv([Odd()], 5)
-    num_envs.reset(seed=[0])
+    envs = GymnasiumVecEnv([Odd()], 5)
+    envs.reset(seed=[0])
     with pytest.raises(EnvironmentContractError, match=message):
-        num_envs.step(np.zeros((1, 1)))
+        envs.step(np.zeros((1, 1)))
 
 
 @pytest.mark.parametrize("returned", [X, (X,), (X, 0.0)])

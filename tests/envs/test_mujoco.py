@@ -96,7 +96,7 @@ def played(env, steps):
 
 @pytest.mark.parametrize("kind", [Ball, Gymnasiums])
 @pytest.mark.parametrize("before", [1, 20])  # in the air, and after it touched the ground
-def test_it_goes_on_to_the_same_bits_here_and_in_another_one(before, kind):
+def test_it_continues_bit_for_bit_here_and_in_another_one(before, kind):
     env, other = made(kind), made(kind)
     env.reset(seed=1)
     played(env, before)

@@ -1,4 +1,4 @@
-"""Numbers that are set in a user's environment keep their kind, or are refused by name."""
+"""Numbers that are set in a user's environment keep their kind, or are refused and named."""
 
 import math
 
@@ -38,9 +38,9 @@ class Tank(Drift):
 
 def tank(seeds=(0,), **numbers):
     env = Tank()
-    num_envs = GymnasiumVecEnv([env], 5, **numbers)
+    envs = GymnasiumVecEnv([env], 5, **numbers)
     for seed in seeds:
-        num_envs.reset(seed=[seed])
+        envs.reset(seed=[seed])
         yield env
 
 
@@ -92,6 +92,6 @@ def test_a_whole_number_varies_in_a_run():
         ({"vary": {"mass": 1.0}}, r"vary.mass=1.0: expected \[low, high\]"),
     ],
 )
-def test_a_number_that_cannot_be_set_is_refused_by_name(numbers, message):
+def test_a_number_that_cannot_be_set_is_refused_and_named(numbers, message):
     with pytest.raises(ConfigError, match=message):
         list(tank(**numbers))

@@ -23,9 +23,9 @@ def test_the_picture_follows_the_plant(env_id):
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_every_environment_has_its_picture(env_id):
-    num_envs = gymnasium.make_vec(env_id, num_envs=2, render_mode="rgb_array")
-    num_envs.reset(seed=0)
-    assert len(num_envs.render()) == 2
+    envs = gymnasium.make_vec(env_id, num_envs=2, render_mode="rgb_array")
+    envs.reset(seed=0)
+    assert len(envs.render()) == 2
 
 
 def test_without_a_render_mode_there_is_no_picture():

@@ -76,7 +76,7 @@ def test_workers_take_over_and_the_numbers_are_those_of_this_process(auto, eager
 def test_workers_that_are_no_faster_hand_back(auto, eager, monkeypatch):
     monkeypatch.setattr(automatic, "GAIN", 0.0)
     assert same_as_serial(auto, support.CountingTask())
-    assert auto.said[-1].endswith("are no faster: everything runs in this process")
+    assert auto.said[-1].endswith("are no faster: all runs in one process")
 
 
 def test_fast_steps_stay_in_this_process(auto, monkeypatch):
@@ -158,7 +158,7 @@ def test_an_error_of_the_rollout_in_which_workers_take_over_is_an_error(auto, ea
 
 
 @pytest.mark.parametrize("task", ["pid_acc", "mpc_tracking", "pendulum"])
-def test_a_run_ends_on_the_same_bits_stopped_before_and_after_the_move(
+def test_a_run_ends_with_the_same_numbers_stopped_before_and_after_the_move(
     task, eager, patient, stopping, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.setenv("ZOAC_CORES", "2")

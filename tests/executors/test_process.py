@@ -51,7 +51,7 @@ def test_a_plant_that_raises_a_system_error_is_no_dead_worker(processes, at_star
         processes.rollout([support.proposal(0)])
 
 
-def test_an_error_that_no_pickle_takes_arrives_by_name_and_with_its_place(processes):
+def test_an_error_that_cannot_be_pickled_arrives_with_its_class_and_line(processes):
     processes.start(support.BrokenPlantTask("two-faced"), 2, seed=0)
     with pytest.raises(RuntimeError, match="TwoFacedError: sparks at the bench") as raised:
         processes.rollout([support.proposal(0)])

@@ -80,7 +80,7 @@ def test_a_job_that_dies_is_told(tmp_path):
     assert "Traceback" not in err
 
 
-def test_a_preempted_job_is_requeued_and_ends_on_the_same_bits(tmp_path):
+def test_a_preempted_job_is_requeued_and_ends_with_the_same_numbers(tmp_path):
     needs("submitit_local")
     (tmp_path / "whole").mkdir()
     (tmp_path / "parts").mkdir()

@@ -56,7 +56,7 @@ def test_a_job_of_a_sweep_shows_the_line_that_moves_at_most():
     assert printed(io.StringIO(), brief=True) == ""
     assert printed(Terminal(), brief=True, live=False) == ""
     moving = printed(Terminal(), brief=True)
-    assert "tank zoac seed=3  0%|" in moving
+    assert "tank zoac seed=3   0%|" in moving
     assert "\n" not in moving
 
 
@@ -82,3 +82,11 @@ def test_an_interval_that_cannot_be_told_is_left_out(costs):
     console = Console(1, stream=(stream := io.StringIO()))
     console.finish(result(cost_per_episode=costs, baseline=None))
     assert "±" not in stream.getvalue()
+
+
+def test_sentences_are_wrapped_and_a_callbacks_stop_is_told():
+    console = Console(5000, stream=(stream := io.StringIO()))
+    console.finish(result(warnings=["word " * 40], stopped_by="Patience", env_steps=1200))
+    text = stream.getvalue()
+    assert max(map(len, text.splitlines())) <= 80
+    assert "stopped by the callback Patience after 1,200 of 5,000 steps" in text

@@ -35,8 +35,8 @@ def cvxpy() -> CvxpySolver:
     return CvxpySolver()
 
 
-def rows(problem, *num_envs: int):
-    mask = np.isin(np.arange(len(problem.a)), num_envs)
+def rows(problem, *env_indices: int):
+    mask = np.isin(np.arange(len(problem.a)), env_indices)
     return problem.take(mask)
 
 

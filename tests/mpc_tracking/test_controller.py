@@ -125,10 +125,10 @@ def test_aliased_weights_are_read_two_places_early(observations) -> None:
 
 
 def test_the_true_model_predicts_the_plant() -> None:
-    num_envs = MpcTrackingVecEnv(N)
-    observations, _ = num_envs.reset(seed=5)
+    envs = MpcTrackingVecEnv(N)
+    observations, _ = envs.reset(seed=5)
     actions, _, diagnostics = controller(linearisations=1).act(nominal(), observations, {})
-    after = num_envs.step(actions)[0]
+    after = envs.step(actions)[0]
     np.testing.assert_array_equal(diagnostics["prediction"], after[:, :6])
 
 

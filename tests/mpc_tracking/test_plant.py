@@ -16,11 +16,11 @@ from zoac.tasks.mpc_tracking.vehicle import TRUE_PARAMETERS, BicycleModel
 
 def standing_on_the_path(x: float = 40.0, **errors: float) -> MpcTrackingVecEnv:
     """Return one environment on the path, off by `errors` (y, phi, u, v, omega)."""
-    num_envs = MpcTrackingVecEnv(1)
-    num_envs.reset(seed=0)
+    envs = MpcTrackingVecEnv(1)
+    envs.reset(seed=0)
     state = {"y": path.lateral(x), "phi": path.heading(x), "u": 18.0, "v": 0.0, "omega": 0.0}
-    num_envs.arrays["state"][0] = [x, *(state[name] + errors.get(name, 0.0) for name in state)]
-    return num_envs
+    envs.arrays["state"][0] = [x, *(state[name] + errors.get(name, 0.0) for name in state)]
+    return envs
 
 
 def test_passes_gymnasiums_checker() -> None:
@@ -60,8 +60,8 @@ def test_demonstration_start() -> None:
 
 
 def test_observation_is_the_state_and_the_path_ahead_of_it() -> None:
-    num_envs = MpcTrackingVecEnv(2, horizon=4)
-    observations, _ = num_envs.reset(seed=0)
+    envs = MpcTrackingVecEnv(2, horizon=4)
+    observations, _ = envs.reset(seed=0)
     assert observations.shape == (2, 6 + 12)
     points = np.empty(12)
     path.preview(observations[1, 0], points)
@@ -69,9 +69,9 @@ def test_observation_is_the_state_and_the_path_ahead_of_it() -> None:
 
 
 def test_a_step_is_the_true_model() -> None:
-    num_envs = MpcTrackingVecEnv(1)
-    before, _ = num_envs.reset(seed=0)
-    after = num_envs.step(np.array([[0.1, -1.0]]))[0]
+    envs = MpcTrackingVecEnv(1)
+    before, _ = envs.reset(seed=0)
+    after = envs.step(np.array([[0.1, -1.0]]))[0]
     expected = BicycleModel().predict(
         np.array([TRUE_PARAMETERS]), before[:, :6].copy(), np.array([[0.1, -1.0]])
     )
@@ -79,9 +79,9 @@ def test_a_step_is_the_true_model() -> None:
 
 
 def test_cost_is_taken_at_the_state_after_the_step() -> None:
-    num_envs = standing_on_the_path(y=0.4, phi=-0.1, u=0.7, v=0.2, omega=0.05)
+    envs = standing_on_the_path(y=0.4, phi=-0.1, u=0.7, v=0.2, omega=0.05)
     delta, a = 0.02, 1.5
-    observations, rewards, *_, infos = num_envs.step(np.array([[delta, a]]))
+    observations, rewards, *_, infos = envs.step(np.array([[delta, a]]))
     x, y, phi, u, _, omega = observations[0, :6]
     cost = (
         (u - 18) ** 2
@@ -110,10 +110,10 @@ def test_cost_is_taken_at_the_state_after_the_step() -> None:
 def test_an_episode_ends_where_an_error_is_too_large(inside: dict, outside: dict) -> None:
     # x = 0.01 s of travel later the errors have hardly changed.
     for errors, ends in ((inside, False), (outside, True)):
-        num_envs = standing_on_the_path(x=0.0, **errors)
+        envs = standing_on_the_path(x=0.0, **errors)
         if "y" in errors:  # stay beside the path: no heading error to carry it across
-            num_envs.arrays["state"][0, 2] = path.heading(0.9)
-        _, _, terminated, truncated, infos = num_envs.step(np.zeros((1, 2)))
+            envs.arrays["state"][0, 2] = path.heading(0.9)
+        _, _, terminated, truncated, infos = envs.step(np.zeros((1, 2)))
         assert terminated[0] == ends
         assert not truncated[0]
         if not math.isnan(infos["cost"][0]):
@@ -121,11 +121,11 @@ def test_an_episode_ends_where_an_error_is_too_large(inside: dict, outside: dict
 
 
 def test_the_time_limit_truncates() -> None:
-    num_envs = MpcTrackingVecEnv(1)
-    num_envs.reset(seed=0)
+    envs = MpcTrackingVecEnv(1)
+    envs.reset(seed=0)
     for step in range(200):
-        num_envs.arrays["state"][0] = standing_on_the_path().arrays["state"][0]
-        _, _, terminated, truncated, _ = num_envs.step(np.zeros((1, 2)))
+        envs.arrays["state"][0] = standing_on_the_path().arrays["state"][0]
+        _, _, terminated, truncated, _ = envs.step(np.zeros((1, 2)))
         assert not terminated[0]
         assert truncated[0] == (step == 199)
 
@@ -134,9 +134,9 @@ def test_inputs_saturate() -> None:
     bound = np.array([[2 * math.pi / 15, 3.0]])
     results = []
     for action in (bound, 10 * bound):
-        num_envs = MpcTrackingVecEnv(1)
-        num_envs.reset(seed=0)
-        observations, rewards, *_ = num_envs.step(action)
+        envs = MpcTrackingVecEnv(1)
+        envs.reset(seed=0)
+        observations, rewards, *_ = envs.step(action)
         results.append((observations, rewards))
     np.testing.assert_array_equal(results[0][0], results[1][0])
     np.testing.assert_array_equal(results[0][1], results[1][1])

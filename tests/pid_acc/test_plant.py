@@ -39,15 +39,15 @@ def independent_episode(w, increments, jerk):
 @pytest.mark.parametrize("jerk", ["rate", "increment", "commanded_increment"])
 @pytest.mark.parametrize("scale", [0.02, 3.0])
 def test_steps_and_costs_match_an_independent_simulation(jerk, scale):
-    num_envs = PidAccVecEnv(num_envs=4, jerk=jerk)
-    num_envs.reset(seed=3)
+    envs = PidAccVecEnv(num_envs=4, jerk=jerk)
+    envs.reset(seed=3)
     rng = np.random.default_rng(0)
     increments = rng.normal(0, scale, (200, 4, 1))
-    w = num_envs.arrays["preceding"].copy()
+    w = envs.arrays["preceding"].copy()
     expected = [independent_episode(w[i], increments[:, i, 0], jerk) for i in range(4)]
     over = np.zeros(4, dtype=bool)
     for t in range(200):
-        observations, rewards, terminated, _, infos = num_envs.step(increments[t], ~over)
+        observations, rewards, terminated, _, infos = envs.step(increments[t], ~over)
         for env_index in np.flatnonzero(~over):
             states, costs, ends = expected[env_index]
             np.testing.assert_allclose(observations[env_index], states[t], atol=1e-12)
@@ -58,25 +58,25 @@ def test_steps_and_costs_match_an_independent_simulation(jerk, scale):
 
 
 def test_an_episode_is_cut_at_1000_steps():
-    num_envs = PidAccVecEnv(num_envs=1, preceding_std=0.0)
-    num_envs.reset(seed=0)
-    ends = [num_envs.step(np.zeros((1, 1)))[3][0] for _ in range(1000)]
+    envs = PidAccVecEnv(num_envs=1, preceding_std=0.0)
+    envs.reset(seed=0)
+    ends = [envs.step(np.zeros((1, 1)))[3][0] for _ in range(1000)]
     assert ends == [False] * 999 + [True]
 
 
 def test_preceding_car_holds_its_acceleration_for_3_seconds_and_stays_in_bounds():
-    num_envs = PidAccVecEnv(num_envs=50, preceding_std=0.5)
-    num_envs.reset(seed=0)
-    blocks = num_envs.arrays["preceding"].reshape(50, -1, 30)
+    envs = PidAccVecEnv(num_envs=50, preceding_std=0.5)
+    envs.reset(seed=0)
+    blocks = envs.arrays["preceding"].reshape(50, -1, 30)
     assert (blocks == blocks[:, :, :1]).all()
     assert blocks.min() == -1.5
     assert blocks.max() == 0.6
 
 
 def test_005_is_the_standard_deviation():
-    num_envs = PidAccVecEnv(num_envs=200)
-    num_envs.reset(seed=0)
-    draws = num_envs.arrays["preceding"][:, ::30]
+    envs = PidAccVecEnv(num_envs=200)
+    envs.reset(seed=0)
+    draws = envs.arrays["preceding"][:, ::30]
     assert draws.std() == pytest.approx(0.05, rel=0.03)
 
 
@@ -100,18 +100,18 @@ def test_gymnasiums_checker_is_content():
 
 
 def test_make_vec_gives_the_vectorised_plant():
-    num_envs = gymnasium.make_vec("zoac/PidAcc-v0", num_envs=3)
-    assert isinstance(num_envs.unwrapped, PidAccVecEnv)
-    assert num_envs.num_envs == 3
+    envs = gymnasium.make_vec("zoac/PidAcc-v0", num_envs=3)
+    assert isinstance(envs.unwrapped, PidAccVecEnv)
+    assert envs.num_envs == 3
 
 
 def test_the_single_environment_is_one_environment_of_the_vectorised_one():
-    single, num_envs = gymnasium.make("zoac/PidAcc-v0"), PidAccVecEnv(num_envs=2)
+    single, envs = gymnasium.make("zoac/PidAcc-v0"), PidAccVecEnv(num_envs=2)
     single.reset(seed=8)
-    num_envs.reset(seed=[5, 8])
+    envs.reset(seed=[5, 8])
     for _ in range(5):
         one = single.step(np.array([0.1]))
-        all_ = num_envs.step(np.full((2, 1), 0.1))
+        all_ = envs.step(np.full((2, 1), 0.1))
         assert np.array_equal(one[0], all_[0][1])
         assert one[1] == all_[1][1]
         assert one[4]["cost"] == all_[4]["cost"][1]

@@ -138,7 +138,7 @@ def test_segments_of_an_episode_are_priced_as_the_episode():
     assert pieces.price == pytest.approx(whole.price)
 
 
-def test_a_restored_one_goes_on_to_the_same_numbers():
+def test_a_restored_one_continues_with_the_same_numbers():
     free = Constraint("a", lambda s: s.diagnostics["a"] - 3.0)
     one, other = FeasibilityFirst([A_LIMIT, free]), FeasibilityFirst([A_LIMIT, free])
     segments, later = rolled(1.0, 8.0), rolled(4.0)

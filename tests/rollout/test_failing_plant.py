@@ -62,8 +62,8 @@ def at(k, env_index=0, **kind):
     return Proposal(np.array([2.0 * k - 1.0]), env_index, **kind)
 
 
-def group(num_envs, way="raises", penalty=50.0):
-    return RolloutEngine(task(way, penalty), num_envs, [100 + env_index for env_index in num_envs])
+def group(env_indices, way="raises", penalty=50.0):
+    return RolloutEngine(task(way, penalty), env_indices, [100 + index for index in env_indices])
 
 
 WAYS = pytest.mark.parametrize("way", ["raises", "observation", "cost"])
@@ -86,9 +86,9 @@ def test_without_one_the_run_stops_with_the_place_and_the_remedy(way):
 
 def test_an_environment_that_raised_is_made_anew_and_one_that_did_not_is_kept():
     for way, anew in (("raises", 1), ("cost", 0)):
-        num_envs = group([0], way)
+        engine = group([0], way)
         before = Breaking.made
-        _, after = num_envs.rollout([at(0.9), at(0.1)])
+        _, after = engine.rollout([at(0.9), at(0.1)])
         assert (Breaking.made - before, after.length, after.starts_episode) == (anew, 7, True)
 
 
@@ -141,8 +141,8 @@ class Stubborn(Drift):
 def test_a_reset_that_fails_costs_one_step(kind):
     made = user_task(env=Stubborn, controller=push, space={"k": (0, 1)}, max_episode_steps=3)
     made.failure_penalty = 50.0
-    num_envs = RolloutEngine(made, [0], [1])
-    first, failed, third = num_envs.rollout([at(0.1), at(0.1, **kind), at(0.1)])
+    engine = RolloutEngine(made, [0], [1])
+    first, failed, third = engine.rollout([at(0.1), at(0.1, **kind), at(0.1)])
     assert (first.length, third.length, third.failure) == (3, 3, None)
     assert (failed.length, failed.terminated, failed.costs.tolist()) == (1, True, [50.0])
     assert "reset raised OSError: no licence. Environment 0, step 0" in failed.failure
@@ -203,7 +203,7 @@ def test_failures_are_counted_and_the_first_is_kept(tmp_path, tuner, capsys):
     assert [r["first_failure"] for r in read_metrics(result.folder) if "first_failure" in r] == [
         first
     ]
-    out = capsys.readouterr().out
+    out = " ".join(capsys.readouterr().out.split())  # as it was before it was wrapped
     assert f"the first step that failed, priced: {first}" in out
     assert f"failures: {record['failures']}, the first: {first}" in out
     assert np.isfinite(result.cost_mean)

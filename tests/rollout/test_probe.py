@@ -199,7 +199,7 @@ def test_no_tuner_sees_a_jump_that_the_plant_cannot_make(executor, capfd):
     assert max(jumps) < 0.31
     told = capfd.readouterr().err
     assert told.count("cannot be saved") == 1
-    assert "no two segments begin in one state" in told
+    assert "tuners cannot try two parameter vectors from one state" in told
 
 
 class Rig(Cart):

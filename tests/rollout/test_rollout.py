@@ -111,7 +111,7 @@ def test_parameters_are_clipped_to_the_box():
     assert segment.actions.tolist() == [[10.0]]
 
 
-def test_restored_environments_go_on_to_the_same_bits():
+def test_restored_environments_continue_bit_for_bit():
     group = engine(CountingTask(), [0, 1, 2])
     group.rollout([proposal(0, horizon=3), proposal(1, horizon=2)])
     twin = engine(CountingTask(), [0, 1, 2], seed=9)

@@ -57,7 +57,7 @@ def written(folder, body, **header):
 
 
 @pytest.mark.parametrize("version", [0, 1, "2", None, 99])
-def test_any_other_format_is_refused_by_name_even_with_a_readable_previous_one(tmp_path, version):
+def test_another_format_is_refused_and_named_even_with_a_readable_previous_one(tmp_path, version):
     checkpoint.save(tmp_path, "older")
     checkpoint.save(tmp_path, "newer")
     written(tmp_path, pickle.dumps(1), format=version)

@@ -53,9 +53,7 @@ def disk():
 
 
 @pytest.mark.parametrize("moment", ["row", "checkpoint", "result"])
-def test_a_full_disk_stops_with_a_message_and_the_run_goes_on_to_the_same_bits(
-    disk, tmp_path, moment
-):
+def test_a_full_disk_stops_with_a_message_and_the_run_continues_bit_for_bit(disk, tmp_path, moment):
     message = stopped_by_a_full_disk(disk, moment, lambda make: train_in(disk / "run", make))
     assert "cannot write" in message
     assert "No space left on device" in message

@@ -231,7 +231,7 @@ def test_processes_give_the_same_bits(result):
     assert other.specs.equals(result.specs)
 
 
-def test_a_run_that_was_stopped_goes_on_to_the_same_bits(result, tmp_path, monkeypatch):
+def test_a_run_that_was_stopped_continues_bit_for_bit(result, tmp_path, monkeypatch):
     learn, iterations = Trainer._learn, iter(range(100))
 
     def press(self, segments):

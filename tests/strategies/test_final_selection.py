@@ -127,7 +127,7 @@ def test_a_budget_for_no_choice_is_refused_with_what_is_needed():
 
 
 @pytest.mark.parametrize("batches", [0, 3, 226, 230, 235])
-def test_a_restored_one_goes_on_to_the_same_bits(batches):
+def test_a_restored_one_continues_bit_for_bit(batches):
     tuner, group = make(baseline=-0.6), engine(CountingTask(), range(4))
     drive(tuner, group, batches)
     twin, twin_group = make(baseline=-0.6), engine(CountingTask(), range(4))

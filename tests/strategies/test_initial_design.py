@@ -57,7 +57,7 @@ def test_what_sampling_cost_is_taken_from_the_tuners_budget():
 
 
 @pytest.mark.parametrize("rounds", [1, 2, 4])
-def test_a_restored_one_goes_on_to_the_same_bits(rounds):
+def test_a_restored_one_continues_bit_for_bit(rounds):
     task, options = CountingTask(), {"initial_samples": 6, "common_random_numbers": True}
     tuner = drive(make(**options), engine(task, [0, 1, 2, 3]), rounds)
     twin = make(**options)

@@ -139,7 +139,7 @@ def test_zoac_plus_stops_in_successive_halving_or_with_its_final_selection(itera
     assert (result.record.get("select", {}).get("episodes", 0) > 0) == selected
 
 
-def test_what_raises_is_named_and_once_mended_the_run_goes_on_to_the_same_bits(tmp_path):
+def test_what_raises_is_named_and_once_mended_the_run_continues_bit_for_bit(tmp_path):
     class Typo(zoac.Callback):
         def on_iteration(self, row):
             if row["iteration"] == 3:

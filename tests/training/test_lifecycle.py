@@ -33,7 +33,7 @@ def whose(folder):
 
 
 @pytest.mark.parametrize("done", range(5))
-def test_killed_while_it_is_overwritten_what_is_left_is_still_its_own(folder, monkeypatch, done):
+def test_killed_while_overwriting_what_is_left_can_be_identified(folder, monkeypatch, done):
     steps = iter(range(100))
     remove, unlink = shutil.rmtree, pathlib.Path.unlink
 
@@ -60,7 +60,7 @@ def test_overwriting_leaves_nothing_of_the_run_before(folder):
 
 
 @pytest.mark.parametrize("left", [schema.RESULT, schema.CHECKPOINTS])
-def test_what_lies_there_without_run_json_is_nobodys(folder, left):
+def test_files_without_a_run_json_are_refused(folder, left):
     for path in folder.iterdir():
         if path.name != left:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -119,7 +119,7 @@ def test_a_run_that_goes_on_elsewhere_is_told_so(
     capsys.readouterr()
     tune_briefly(tmp_path, Drift)
     said = capsys.readouterr().err
-    assert re.search(f"goes on elsewhere.*: {told}$", said.strip())
+    assert re.search(f"continues under other conditions.*: {told}$", said.strip())
 
 
 def test_a_file_system_without_locks_is_not_taken_for_a_lock_that_is_held(tmp_path, monkeypatch):

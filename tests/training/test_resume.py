@@ -1,4 +1,4 @@
-"""A run goes on to the same bits, and without any pickle where no object needs one."""
+"""A stopped run continues bit for bit, and without any pickle where no object needs one."""
 
 import json
 import pickle
@@ -87,7 +87,7 @@ def test_no_other_tuner_of_zoac_needs_a_pickle(tuner, terms, tmp_path, stopping,
 
 
 @pytest.mark.parametrize("tuner", sorted(NEED_A_PICKLE))
-def test_a_librarys_optimiser_goes_on_to_the_same_bits(tuner, tmp_path, stopping):
+def test_a_librarys_optimiser_continues_bit_for_bit(tuner, tmp_path, stopping):
     pytest.importorskip({"bo": "nevergrad"}.get(tuner, tuner))
     whole = run(tmp_path / "whole", "task=pid_acc", f"tuner={tuner}", "budget=200")
     stopping(3)
@@ -98,7 +98,7 @@ def test_a_librarys_optimiser_goes_on_to_the_same_bits(tuner, tmp_path, stopping
 
 
 @pytest.mark.parametrize("executor", ["serial", "process"])
-def test_a_users_objects_go_on_to_the_same_bits(executor, tmp_path, stopping):
+def test_a_users_objects_continue_bit_for_bit(executor, tmp_path, stopping):
     def tune(folder):
         return zoac.tune(
             env=Drift, controller=Integrator(), space={"k": (0, 2)}, budget=1000, num_envs=2,

@@ -87,7 +87,7 @@ def test_seed_twins_are_equal_to_the_last_bit(tmp_path):
 
 
 @pytest.mark.parametrize("stop_after", [1, 4])
-def test_a_stopped_run_goes_on_to_the_same_bits(tmp_path, stop_after):
+def test_a_stopped_run_continues_bit_for_bit(tmp_path, stop_after):
     whole = train(tmp_path / "whole")
     calls = iter(range(1000))
     with pytest.raises(Interrupted):
@@ -127,7 +127,7 @@ FOREIGN = [
 
 
 @pytest.mark.parametrize(("change", "told"), FOREIGN)
-def test_a_checkpoint_with_other_keys_is_refused_by_name(tmp_path, change, told):
+def test_a_checkpoint_with_other_keys_is_refused_and_the_keys_are_named(tmp_path, change, told):
     calls = iter(range(1000))
     with pytest.raises(Interrupted):
         train(tmp_path, stop=lambda: next(calls) == 2)

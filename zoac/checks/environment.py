@@ -88,7 +88,7 @@ def determinism(task: Task) -> Found:
 def env_state(task: Task) -> Found:
     """A restored environment goes on as it would have."""
     fault = task.save_fault
-    return fault is None, fault or "goes on to the same bits"
+    return fault is None, fault or "continues as if it had not been saved, bit for bit"
 
 
 def time_per_step(task: Task) -> Found:

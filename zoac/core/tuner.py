@@ -109,7 +109,7 @@ class Tuner(ABC):
 
     @abstractmethod
     def restore(self, state: Any) -> None:
-        """Restore what `state` returned; afterwards the tuner goes on to the same bits."""
+        """Restore what `state` returned; the tuner then continues as it would have, bit for bit."""
 
     def end_search(self) -> bool:
         """End the search before the budget is spent, as a callback asks; may be called repeatedly.

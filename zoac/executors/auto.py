@@ -214,7 +214,7 @@ class Auto(Executor):
         """Settle for this process."""
         self._processes.close()
         self._current, self._settled = self._serial, True
-        self._say(f"{reason}: everything runs in this process")
+        self._say(f"{reason}: all runs in one process")
 
     def _say(self, choice: str) -> None:
         self.tell(f"executor=auto: {choice}")

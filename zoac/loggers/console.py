@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import shlex
 import sys
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TextIO
@@ -12,10 +13,12 @@ from typing import Any, TextIO
 import numpy as np
 from tqdm import tqdm
 
+from zoac.loggers import summary
+from zoac.loggers.summary import MAX_PARAMETERS
 from zoac.specs.verdict import lines, restored
 
-MAX_PARAMETERS = 10
-"""Parameters that the last lines show; the rest are counted."""
+WIDTH = 80
+"""Columns that sentences keep to."""
 
 BAR = "{desc}{percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} steps, {remaining} left{postfix}"
 """The line that moves, for tqdm."""
@@ -56,12 +59,12 @@ class Console:
         self._units = {p["name"]: p["unit"] for p in run.get("parameters", [])}
         told = f", minimising {run['objective']}" if run.get("objective") else ""
         self._name = f"{run['task']} {run['tuner']} seed={run['seed']}"
-        self._print(f"{self._name}{variant}: {self._budget:,} steps{told}")
+        self._say(f"{self._name}{variant}: {self._budget:,} steps{told}")
         if run.get("episodes"):
-            self._print(f"  episodes: {run['episodes']}")
+            self._say(f"  episodes: {run['episodes']}")
         for choice, value in run["tuner_choices"].items():
             shown = format(value, ".6g") if isinstance(value, float) else value
-            self._print(f"  {choice}: {shown}")
+            self._say(f"  {choice}: {shown}")
 
     def row(self, row: Mapping[str, Any]) -> None:
         """Show progress."""
@@ -71,14 +74,14 @@ class Console:
                 self._bar = tqdm(
                     total=self._budget, initial=row["env_steps"], file=self._stream, leave=False,
                     unit_scale=True, dynamic_ncols=True, mininterval=0.5, bar_format=BAR,
-                    desc=self._name if self._brief else None,
+                    desc=f"{self._name} " if self._brief else None,
                 )  # fmt: skip
         if "first_failure" in row:
-            self._print(f"  the first step that failed, priced: {row['first_failure']}")
+            self._say(f"  the first step that failed, priced: {row['first_failure']}")
         if row["kind"] == "eval":
             self._best = min(self._best, row["cost_mean"])
         if self._bar is not None:
-            self._bar.update(max(0, row["env_steps"] - self._bar.n))
+            self._bar.update(max(0, min(row["env_steps"], self._budget) - self._bar.n))
             if row["kind"] == "eval":
                 shown = {"cost": f"{row['cost_mean']:.4g}", "best": f"{self._best:.4g}"}
                 failed = {"terminated": row["terminations"]} if row["terminations"] else {}
@@ -99,19 +102,21 @@ class Console:
             self._print(f"  {name} = {number} {self._units.get(name, '')}".rstrip())
         if (more := len(parameters) - MAX_PARAMETERS) > 0:
             self._print(f"  and {more} more in result.json")
-        self._print(f"  {_costs(result)}")
+        for line in summary.cost_lines(result):
+            self._print(f"  {line}")
         if (test := result.get("acceptance_test")) is not None:
             verdict = "the answer beats" if test["accepted"] else "no better was found, it is"
             pairs = f"{test['pairs']} pairs of episodes"
-            self._print(
-                f"  acceptance test: {verdict} the baseline values, {pairs}: {test['text']}"
-            )
+            self._say(f"  acceptance test: {verdict} the baseline values, {pairs}: {test['text']}")
         for line in lines([restored(row) for row in result.get("specs", [])]):
             self._print(f"  {line}")
         if result.get("failures"):
-            self._print(f"  failures: {result['failures']}, the first: {result['first_failure']}")
+            self._say(f"  failures: {result['failures']}, the first: {result['first_failure']}")
         for sentence in result["warnings"]:
-            self._print(f"  WARNING: {sentence}")
+            self._say(f"  WARNING: {sentence}")
+        if result.get("stopped_by"):
+            steps = f"{result['env_steps']:,} of {self._budget:,} steps"
+            self._say(f"  stopped by the callback {result['stopped_by']} after {steps}")
         if self._folder is not None:
             folder = shlex.quote(str(self._folder))
             self._print(f"  run folder: {folder}")
@@ -128,6 +133,13 @@ class Console:
             left = f", {_clock(seconds)} left"
         return f"{steps:>9,} steps | {_clock(wall)}{left}"
 
+    def _say(self, text: str) -> None:
+        """Print a sentence, wrapped."""
+        for line in textwrap.wrap(
+            text, WIDTH, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+        ):
+            self._print(line)
+
     def _print(self, text: str) -> None:
         if self._brief:
             return
@@ -138,21 +150,6 @@ class Console:
         print(known, file=self._stream, flush=True)
         if self._bar is not None:
             self._bar.refresh()
-
-
-def _costs(result: Mapping[str, Any]) -> str:
-    """Return the mean cost, of the baseline values too, with half the width of a 95% interval."""
-    told = f"cost {_interval(result['cost_per_episode'])}"
-    if (baseline := result.get("baseline")) is not None:
-        told += f", baseline values {_interval(baseline['cost_per_episode'])}"
-    same = "the same " if baseline is not None else ""
-    return f"{told} on {same}{len(result['cost_per_episode'])} episodes"
-
-
-def _interval(costs: Any) -> str:
-    numbers = np.asarray(costs, dtype=np.float64)  # null where a cost was not finite
-    half = 1.96 * numbers.std(ddof=1) / np.sqrt(len(numbers)) if len(numbers) > 1 else np.nan
-    return f"{numbers.mean():.4g}" + (f" ± {half:.2g}" if half > 0 else "")
 
 
 def _clock(seconds: float) -> str:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numba
+from numba.core import event
 
 _told: list[bool] = []
 
@@ -35,6 +36,24 @@ def first_use(what: str) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
+
+
+class _Announcement(event.Listener):
+    """Say on standard error, once a process, that zoac's functions are being compiled."""
+
+    told = False
+
+    def on_start(self, event: event.Event) -> None:
+        module = event.data["dispatcher"].py_func.__module__ or ""
+        if not self.told and module.startswith("zoac.") and sys.stderr is not None:
+            self.told = True
+            print("compiling, for up to a minute; later runs find it done...", file=sys.stderr)
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+event.register("numba:compile", _Announcement())
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:

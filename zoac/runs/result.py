@@ -14,6 +14,7 @@ from zoac.config import factory
 from zoac.config.validate import TARGET
 from zoac.core.errors import RunFolderError
 from zoac.core.state import pickled
+from zoac.loggers.summary import as_html
 from zoac.rollout.task import Task
 from zoac.runs import responses, schema
 from zoac.runs.export import TunedController, export
@@ -133,12 +134,21 @@ class Result:
                 told += _wrapped(f"WARNING: {sentence}")
         return "\n".join([*told, f"  {self.env_steps:,} steps, {self.folder}>"])
 
+    def _repr_html_(self) -> str:
+        """Return a table for a notebook: parameters, cost and specs, before and after."""
+        fixed = {k: v for k, v in self.parameters.items() if k not in self.record["parameters"]}
+        return as_html(self.record, schema.read_run(self.folder), fixed)
+
     @property
     def history(self) -> pd.DataFrame:
-        """The rows of `metrics.jsonl`."""
-        import pandas as pd
+        """The rows of `metrics.jsonl`, `kind` "train" or "eval", at their `env_steps`.
 
-        return pd.DataFrame(schema.read_metrics(self.folder))
+        `history.plot()` draws the learning curve: the cost of the evaluations over the steps.
+        """
+        from zoac.loggers.history import History
+
+        rows = schema.read_metrics(self.folder)
+        return History(rows, index=[row["env_steps"] for row in rows])
 
     def controller(self) -> TunedController:
         """Return the tuned controller: `action = controller(observation)`, and `reset()`.

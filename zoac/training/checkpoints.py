@@ -112,13 +112,13 @@ class Environments:
             more = ""
             if self._task.restore_fault is not None:
                 more = (
-                    "no two segments begin in one state, held-out episodes end an environment's "
-                    "own, "
+                    "tuners cannot try two parameter vectors from one state; a held-out episode "
+                    "ends the episode that the environment was in; "
                 )
             print(
                 f"the environment or controller cannot be saved ({reason}): {more}"
-                "if this run is stopped, it goes on with new episodes, and so not to the same "
-                "bits; env_restarts in result.json counts that",
+                "if this run is stopped, it continues with new episodes, so its numbers are not "
+                "those of an unbroken run; env_restarts in result.json counts that",
                 file=sys.stderr,
             )
             return None

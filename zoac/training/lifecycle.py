@@ -181,7 +181,7 @@ def _tell_what_differs(folder: Path, record: Mapping[str, Any]) -> None:
     changed = provenance.differences(schema.read_run(folder), record)
     if changed:
         print(
-            "this run goes on elsewhere than it began, so perhaps not to the same bits: "
+            "this run continues under other conditions than it began, so its numbers may differ: "
             + "; ".join(changed),
             file=sys.stderr,
         )

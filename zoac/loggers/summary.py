@@ -1,0 +1,113 @@
+"""A result in a few lines or a small table: parameters, cost and specs, before and after."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from zoac.specs import verdict
+
+MAX_PARAMETERS = 10
+"""Parameters that are shown; the rest are counted."""
+
+MAX_SHARE = 10.0
+"""From here on a difference in percent of the baseline's cost says nothing."""
+
+
+def cost_lines(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the mean cost with half the width of a 95% interval, and how the baseline compares.
+
+    Args:
+        result: The content of `result.json`.
+    """
+    costs = result["cost_per_episode"]
+    baseline = (result.get("baseline") or {}).get("cost_per_episode")
+    if baseline is None:
+        yield f"cost {with_interval(costs)} on {len(costs)} episodes"
+        return
+    yield (
+        f"cost {with_interval(costs)}, baseline values {with_interval(baseline)} on the same "
+        f"{len(costs)} episodes"
+    )
+    difference = _numbers(costs) - _numbers(baseline)
+    mean, half = difference.mean(), _half(difference)
+    if not np.isfinite(mean) or mean == 0:
+        return
+    by = f"{'lower' if mean < 0 else 'higher'} by {abs(mean):.4g}"
+    by += f" ± {_two_digits(half)}" if half > 0 else ""
+    if abs(mean) <= half:
+        yield f"no clear difference from the baseline values: the cost is {by}"
+    else:
+        share = abs(mean / _numbers(baseline).mean())
+        shown = f" ({share:.0%})" if share < MAX_SHARE else ""
+        yield f"the cost is {by}{shown} than with the baseline values"
+
+
+def with_interval(costs: Any) -> str:
+    """Return a mean with half the width of its 95% interval, if that can be told."""
+    numbers = _numbers(costs)
+    half = _half(numbers)
+    return f"{numbers.mean():.4g}" + (f" ± {_two_digits(half)}" if half > 0 else "")
+
+
+def _two_digits(half: float) -> str:
+    return f"{half:.2g}" if half < 100 else f"{half:.0f}"
+
+
+def as_html(result: Mapping[str, Any], run: Mapping[str, Any], fixed: Mapping[str, Any]) -> str:
+    """Return a table for a notebook.
+
+    Args:
+        result: The content of `result.json`.
+        run: The content of `run.json`.
+        fixed: Parameters that were not tuned.
+    """
+    rows = [("", "baseline", "tuned", ""), *_parameter_rows(result, run)]
+    baseline = (result.get("baseline") or {}).get("cost_per_episode")
+    before = "" if baseline is None else with_interval(baseline)
+    episodes = f"{len(result['cost_per_episode'])} episodes"
+    rows.append(("cost", before, with_interval(result["cost_per_episode"]), episodes))
+    for row in map(verdict.restored, result.get("specs", [])):
+        met = {True: "met", False: "NOT met"}.get(row["met"], "")
+        values = (_shown(row[which]) for which in ("baseline", "value"))
+        rows.append((row["spec"], *values, f"{row['limit'] or ''} {met}".strip()))
+    lines = [
+        "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row) + "</tr>"
+        for tag, row in zip(["th"] + ["td"] * len(rows), rows, strict=False)
+    ]
+    told = [f"WARNING: {sentence}" for sentence in result["warnings"]]
+    if fixed:
+        told.append("fixed: " + ", ".join(f"{k} = {_shown(v)}" for k, v in fixed.items()))
+    paragraphs = "".join(f"<p>{html.escape(text)}</p>" for text in told)
+    return f"<table>{''.join(lines)}</table>{paragraphs}"
+
+
+def _parameter_rows(
+    result: Mapping[str, Any], run: Mapping[str, Any]
+) -> Iterator[tuple[str, str, str, str]]:
+    before = run.get("nominal") or {}
+    units = {p["name"]: p["unit"] for p in run.get("parameters", [])}
+    parameters = result["parameters"]
+    for name, value in list(parameters.items())[:MAX_PARAMETERS]:
+        yield name, _shown(before.get(name)), _shown(value), units.get(name, "")
+    if (more := len(parameters) - MAX_PARAMETERS) > 0:
+        yield f"and {more} more", "", "", ""
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return ""
+    return format(value, ".6g") if isinstance(value, float) else str(value)
+
+
+def _numbers(costs: Sequence[float | None]) -> np.ndarray:
+    return np.asarray(costs, dtype=np.float64)  # null where a cost was not finite
+
+
+def _half(numbers: np.ndarray) -> float:
+    """Return half the width of the 95% interval of a mean; NaN if there is one number."""
+    n = len(numbers)
+    return float(1.96 * numbers.std(ddof=1) / np.sqrt(n)) if n > 1 else float("nan")
