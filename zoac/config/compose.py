@@ -41,6 +41,9 @@ OPTIONAL_GROUPS = {"preset": "tuner", "fidelity/task": "task", "fidelity/tuner":
 NOT_A_VARIANT = ("task", "tuner", "seed", "launcher", "method", "experiment")
 
 
+INTERNAL = ("full_key:", "object_type=", "reference_type=", "See https://", "LexerNoViable")
+"""How lines of Hydra's messages begin that say nothing to a user."""
+
 EXTRA_OF_LAUNCHER = {
     "joblib": "launchers", "submitit_local": "launchers", "submitit_slurm": "launchers",
     "ray": "ray-launcher",
@@ -182,17 +185,26 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
     while cause.__cause__ is not None:
         cause = cause.__cause__
     lines = [line.strip() for e in (error, cause) for line in str(e).splitlines()]
-    text = "\n".join(dict.fromkeys(line for line in lines if line and not _internal(line)))
+    text = "\n".join(
+        dict.fromkeys(line for line in lines if line and not line.startswith(INTERNAL))
+    )
     if isinstance(error, OverrideParseException):
-        return f"cannot read the override {error.override!r}: {text}; write key=value"
+        told = text.strip("^ ") or "a quote or bracket is not closed"
+        return f"cannot read the override {error.override!r}: {told}; write key=value"
     if found := re.search(r"override (.*)\n.* is not a subclass of EvaluationSchema", text):
         return f"{found[1]}: expected a group of keys; {_siblings('evaluation.', overrides)}"
     if found := re.search(r"Value (.*) of type '.*' could not be converted to (\w+)", text):
-        kind = {"Integer": "a whole number (Integer)", "Float": "a number"}.get(found[2], found[2])
+        kind = {"Integer": "a whole number", "Float": "a number"}.get(found[2], found[2])
         written = re.search(r"Error merging override (.*)", text)
         return f"{written[1] if written else found[1]}: expected {kind}, got {found[1]}"
     if found := re.search(r"override (.*)\nValue '(.*)' is not a valid bool", text):
         return f"{found[1]}: expected true or false, got {found[2]!r}"
+    if found := re.search(
+        r"override (\w+)=.*\nInvalid value '(.*)', expected one of \[(.*)\]", text
+    ):
+        return f"{found[1]}={found[2]!r}; {suggest(found[2], found[3].split(', '))}"
+    if found := re.search(r"override (.*)\nfield '.*' is not Optional", text):
+        return f"{found[1]}: a value is needed"
     if found := re.search(r"override ~(.*)\n.*does not support deletion", text):
         return f"~{found[1]}: this key is needed; give it a value instead: {found[1]}=<value>"
     if found := re.search(r"Missing mandatory value: (\w+)", text):
@@ -214,12 +226,6 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
         group = found[0].split("'")[1].removesuffix(f"/{found[2]}")
         return f"unknown {group} {found[2]!r}; {suggest(found[2], _choices(group))}"
     return text
-
-
-def _internal(line: str) -> bool:
-    return line.startswith(
-        ("full_key:", "object_type=", "reference_type=", "See https://", "LexerNoViable")
-    )
 
 
 def _siblings(key: str, overrides: Sequence[str]) -> str:
