@@ -141,14 +141,14 @@ def _run(config: DictConfig, again: bool = False) -> Outcome:
     # Imported here: --help and config errors must not wait for torch.
     from zoac.cli.experiments import is_program, run_experiments
 
+    names = {"task": choices["task"], "tuner": choices["tuner"]}
+    folder = run_folder.of(plain, **names)
+    done = is_done(folder) and plain["resume"] != "overwrite"
     if is_program(plain):
-        run_experiments(plain, task=choices["task"], tuner=choices["tuner"])
-        return
+        return Outcome.of(run_experiments(plain, **names), folder, done)
     from zoac.training.lifecycle import run_session
 
-    names = {group: choices[group] for group in ("task", "tuner", "fidelity")}
-    folder = run_folder.of(plain, names["task"], names["tuner"])
-    done = is_done(folder) and plain["resume"] != "overwrite"
+    names["fidelity"] = choices["fidelity"]
     return Outcome.of(run_session(plain, command=sys.argv, **names), folder, done)
 
 

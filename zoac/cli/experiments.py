@@ -13,7 +13,7 @@ from zoac.core.errors import ConfigError, RunFolderError
 from zoac.runs import schema
 from zoac.studies.carry_out import tune_cost
 from zoac.studies.program import ProgramTask
-from zoac.training import run_folder
+from zoac.training import lifeline, run_folder
 
 OF_EXPERIMENTS = ("seed", "acceptance_test", "initial_sigma", "initial_samples")
 """Settings of a run that experiments have too."""
@@ -59,6 +59,7 @@ def run_experiments(config: Mapping[str, Any], task: str, tuner: str) -> dict[st
             run_folder.empty(folder)
     result = tune_cost(
         cost, folder=folder, name=task, variant=config["variant"], space=given.space, tuner=tuner,
+        quiet=lifeline.shares_terminal(),
         tuner_options=_options(config["tuner"], tuner), experiments=given.experiments,
         workers=config["executor"].get("workers") or 1, baseline=given.baseline,
         constraints=given.constraints, **{name: getattr(settings, name) for name in OF_EXPERIMENTS},
