@@ -18,8 +18,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from zoac.cli import sweep_table
 from zoac.core.errors import ZoacError
+from zoac.loggers import sweep_table
 from zoac.runs.schema import write_json
 from zoac.training.lifeline import GRACE
 
