@@ -10,8 +10,10 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from zoac.checks.controller import dead_parameters, hidden_state
-from zoac.checks.environment import (
+from zoac.cli.pipes import reader_may_leave
+from zoac.core.errors import ZoacError
+from zoac.preconditions.controller import dead_parameters, hidden_state
+from zoac.preconditions.environment import (
     determinism,
     env_state,
     episodes_end,
@@ -19,10 +21,8 @@ from zoac.checks.environment import (
     shapes,
     time_per_step,
 )
-from zoac.checks.samples import Found
-from zoac.checks.specs import baseline_specs
-from zoac.cli.pipes import reader_may_leave
-from zoac.core.errors import ZoacError
+from zoac.preconditions.samples import Found
+from zoac.preconditions.specs import baseline_specs
 from zoac.rollout.task import Task
 
 

@@ -8,8 +8,8 @@ import pytest
 from tests.envs.test_adapters import Drift, Integrator
 from tests.support import CountingTask
 from zoac import check
-from zoac.checks import environment
 from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.preconditions import environment
 from zoac.tasks.user_task import UserTask, user_task
 
 

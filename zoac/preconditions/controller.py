@@ -6,10 +6,10 @@ from copy import deepcopy
 
 import numpy as np
 
-from zoac.checks.samples import DRAWS, STEPS, Found, draws, segments
 from zoac.controllers.live_controller import live_in
 from zoac.core.controller import Memory
 from zoac.core.segments import Segment
+from zoac.preconditions.samples import DRAWS, STEPS, Found, draws, segments
 from zoac.rollout.task import Task
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from zoac.checks.samples import Found
+from zoac.preconditions.samples import Found
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.evaluation import evaluation_proposals
 from zoac.rollout.task import Task

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from zoac.checks.samples import Found, draws, segments
 from zoac.core.segments import Proposal
+from zoac.preconditions.samples import Found, draws, segments
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.probe import first_difference, played
 from zoac.rollout.task import Task
