@@ -22,7 +22,7 @@ LAYERS = (
     ("baselines",),
     ("config",),
     ("tasks", "runs"),
-    ("training", "studies", "checks"),
+    ("training", "studies", "preconditions"),
     ("cli",),
     ("run", "check", "search", "study", "api"),
     ("pid_tuning",),
