@@ -22,9 +22,9 @@ from zoac.rollout.task import Task
 from zoac.runs.log import RunLog
 from zoac.specs import verdict
 from zoac.training.answer_checks import warnings
-from zoac.training.checkpoints import Checkpoints, Environments, Part
 from zoac.training.evaluator import Evaluator
 from zoac.training.progress import Progress
+from zoac.training.run_state import Checkpoints, Environments, Part
 
 
 class Trainer:
