@@ -49,12 +49,14 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One picture: a metric on a family of tasks; `names`: see `tuner_names`."""
+    """One picture: a metric on a family of tasks; `names`: see `tuner_names`; `studies`: of
+    experiments, not of steps."""
 
     task: str
     metric: str
     curves: tuple[Curve, ...]
     names: Mapping[str, str] = field(default_factory=dict)
+    studies: bool = False
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -119,7 +121,8 @@ def all_panels(
                     for g in groups.values()
                 )
                 drawn = tuple(c for c in curves if c is not None)
-                panels.append(Panel(base, name, drawn, tuner_names(runs)))
+                studies = all("study" in run.identity for g in groups.values() for run in g)
+                panels.append(Panel(base, name, drawn, tuner_names(runs), studies))
     if not panels:
         raise ConfigError(f"no run logged {metric!r}; {suggest(str(metric), _logged(runs))}")
     return panels
@@ -187,7 +190,8 @@ def draw_panel(
         axes.set_xticks([tick for tick in axes.get_xticks() if 0 <= tick <= 1.001 * end])
         axes.text(0.99, 0.98, "at the end", size="x-small", ha="right", va="top",
                   transform=axes.transAxes)  # fmt: skip
-    style.big_axis(axes, METRICS[against])
+    of_studies = panel.studies and against == "env_steps"
+    style.big_axis(axes, "Experiments" if of_studies else METRICS[against])
 
 
 def series(run: Run, metric: str, against: str, episodes: int) -> tuple[np.ndarray, np.ndarray]:

@@ -73,6 +73,8 @@ class Tuner(ABC):
 
     display_name: str = ""
     """Name in tables and figures, such as "CMA-ES"; empty: the name of its configuration."""
+    measures_again: ClassVar[bool] = False
+    """Whether its recommendation is that of several measurements, not of the luckiest one."""
 
     @abstractmethod
     def ask(self) -> list[Proposal]:

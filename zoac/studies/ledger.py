@@ -137,6 +137,11 @@ class Ledger:
             )
 
     @property
+    def has_repetitions(self) -> bool:
+        """Whether some parameters were measured more than once."""
+        return len({trial.x for trial in self._trials}) < len(self._trials)
+
+    @property
     def ended(self) -> int:
         """How many trials have a result."""
         return len(self._trials) - len(self.pending)

@@ -62,6 +62,11 @@ class Proposals:
             others = [p for p in self._asked if not self._is_baseline(p)]
             self.batch = [Proposal(self._baseline, 0), *others]
 
+    @property
+    def measures_again(self) -> bool:
+        """See `Tuner.measures_again`."""
+        return self.tuner.measures_again
+
     def _make(self) -> Tuner:
         settings = self._settings
         problem = Problem(
@@ -157,12 +162,13 @@ def check(settings: StudySettings) -> None:
     Raises:
         ConfigError: If it is, or the tuner cannot be used.
     """
-    plain = replace(settings, baseline_first=False, acceptance_test=None, initial_samples=None)
-    size = len(Proposals(plain).batch)
     searches = settings.experiments - settings.baseline_first
     if settings.acceptance_test is not None:
         Proposals(settings)  # says what it needs
         searches = search_budget(searches, settings.acceptance_test)
+    plain = replace(settings, experiments=searches, baseline_first=False, acceptance_test=None,
+                    initial_samples=None)  # fmt: skip
+    size = len(Proposals(plain).batch)
     if size > searches:
         raise ConfigError(
             f"experiments={settings.experiments}: tuner {settings.tuner!r} learns from {size} at "

@@ -16,7 +16,7 @@ from zoac.specs.spec import Spec
 from zoac.specs.trace import as_plain, from_plain
 from zoac.tasks.user_space import parse_space
 
-TUNERS = ("bo", "cmaes", "cmaes_full", "es", "nevergrad", "nominal", "optuna", "random")
+TUNERS = ("bo", "cmaes", "cmaes_full", "es", "halving", "nevergrad", "nominal", "optuna", "random")
 """Tuners that need no more of an experiment than its cost."""
 
 BO_EXPERIMENTS, BO_DIMENSION = 200, 4

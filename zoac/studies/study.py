@@ -12,12 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zoac.core.errors import (
-    ConfigError,
-    StudyError,
-    StudyFinished,
-    TrialsPending,
-)
+from zoac.core.errors import ConfigError, StudyError, StudyFinished, TrialsPending
 from zoac.core.parameters import ParameterSpace
 from zoac.runs.export import export
 from zoac.specs.spec import Spec
@@ -72,8 +67,8 @@ class Study:
             space: Bounds by name, as `zoac.tune` takes them; None: open the study in `folder`,
                 whatever its other settings are.
             folder: Of the study; a study of the same settings goes on. None: a temporary one.
-            tuner: "bo", "cmaes", "cmaes_full", "es", "nevergrad", "optuna" or "random"; "auto":
-                Bayesian optimisation for one worker and few experiments, else CMA-ES.
+            tuner: "bo", "cmaes", "cmaes_full", "es", "halving", "nevergrad", "optuna", "random";
+                "auto": Bayesian optimisation for one worker and few experiments, else CMA-ES.
             experiments: How many there are, failed and abandoned ones included.
             seed: Of everything random.
             workers: Experiments that may be under way side by side: a tuner plans so many at a
@@ -110,9 +105,8 @@ class Study:
                 initial_samples=initial_samples, tuner_options=tuner_options,
             )  # fmt: skip
         self.folder = path
-        self.settings, self.trial_timeout = files.opened(
-            path, settings, trial_timeout, (name or path.resolve().name, variant)
-        )
+        called = (name or path.resolve().name, variant)
+        self.settings, self.trial_timeout = files.opened(path, settings, trial_timeout, called)
         self._journal = Journal(path)
         self._ledger = Ledger(self.settings.limits)
         self._mutex = threading.RLock()
@@ -257,7 +251,7 @@ class Study:
     def best(self) -> Trial:
         """The experiment of the answer: the one of the least violation, and of the least cost.
 
-        After an acceptance test, of those with the values that it chose.
+        After an acceptance test or repetitions, of those with the values that were chosen.
 
         Raises:
             StudyError: If no experiment has succeeded yet.
@@ -272,7 +266,9 @@ class Study:
     @property
     def _conclusion(self) -> tuple[Trial, dict[str, Any]]:
         with self._mutex:
-            if not self.finished or self.settings.acceptance_test is None:
+            tested = self.settings.acceptance_test is not None
+            again = self._ledger.has_repetitions and self._tuner.measures_again
+            if not self.finished or not (tested or again):
                 return self._ledger.best(), {}
             x, outcome = self._tuner.conclusion(self._ledger.trial)
             return self._ledger.best(x), outcome
