@@ -53,6 +53,7 @@ class RepeatedHalving(Tuner):
     cost of the points that came furthest.
     """
 
+    display_name = "Halving"
     measures_again = True
 
     def __init__(
