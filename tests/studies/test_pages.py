@@ -38,10 +38,12 @@ def test_one_experiment_has_a_report_and_warns_of_nothing(study, tmp_path):
 
 
 def test_the_last_lines_speak_of_experiments(capsys):
-    zoac.tune(cost=lambda p: (p["k"] - 1.0) ** 2, space={"k": {"low": 0, "high": 3, "baseline": 2}},
-              experiments=3, tuner="random")  # fmt: skip
+    space = {"k": {"low": 0, "high": 3, "baseline": 2}}
+    print(zoac.tune(cost=lambda p: (p["k"] - 1.0) ** 2, space=space, experiments=3, tuner="random"))
     text = capsys.readouterr().out
     assert "experiment 1 of 3: cost 1\n" in text
     assert " of 3; baseline values: cost 1\n" in text
+    assert " over 1 experiment, baseline values 1\n" in text
+    assert "  3 experiments, " in text
     assert "episode" not in text
     assert "step" not in text

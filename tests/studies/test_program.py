@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -46,6 +47,7 @@ def test_parameters_go_in_and_a_cost_comes_out(arguments):
          r"ended with exit status 3: its last lines\n  no licence"),
         ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "was ended by SIGSEGV"),
         ("print('cost: 3')", r"did not answer with a JSON object: its last lines\n  cost: 3"),
+        ("print('\\x1b[31mred\\tegg')", r"with a JSON object: its last lines\n  \?\[31mred\tegg$"),
         ("print('[1]')", "did not answer with a JSON object"),
         ("", "did not answer with a JSON object$"),
         ("print('warming up', flush=True); import time; time.sleep(60)",
@@ -181,7 +183,7 @@ result = zoac.tune(cost=cost, space={{"kp": (0.0, 20.0)}}, experiments=8, tuner=
     assert not any(alive(int(pid)) for pid in (tmp_path / "pids").read_text().split())
     done = subprocess.run([sys.executable, script, "0"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count("experiment ") == 8
+    assert len(re.findall("^experiment ", done.stdout, re.MULTILINE)) == 8
     journal = (tmp_path / "rig" / "journal.jsonl").read_text()
     rows = [json.loads(line) for line in journal.splitlines()]
     assert [row["number"] for row in rows if row["kind"] == "asked"] == list(range(1, 9))

@@ -64,7 +64,7 @@ def stopped_and_resumed(tmp_path, stopping, monkeypatch, *overrides, after=1):
     return whole, resumed
 
 
-@pytest.mark.parametrize("task", names("task"))
+@pytest.mark.parametrize("task", [t for t in names("task") if t != "program"])
 def test_no_task_of_zoac_needs_a_pickle(task, tmp_path, stopping, monkeypatch):
     whole, resumed = stopped_and_resumed(
         tmp_path, stopping, monkeypatch, f"task={task}", "tuner=zoac_plus", "budget=400", after=4

@@ -119,7 +119,9 @@ class Result:
 
     def __repr__(self) -> str:
         """Return some lines for a terminal: cost, parameters and specs, before and after."""
-        cost = f"cost {self.cost_mean:.4g} over {len(self.cost_per_episode)} episodes"
+        study, count = "experiments" in self.record, len(self.cost_per_episode)
+        word = "experiment" if study else "episode"
+        cost = f"cost {self.cost_mean:.4g} over {count} {word}{'' if count == 1 else 's'}"
         if self.baseline_cost_mean is not None:
             cost += f", baseline values {self.baseline_cost_mean:.4g}"
         values = ", ".join(
@@ -132,7 +134,8 @@ class Result:
         for sentence in self.warnings:
             if not sentence.startswith(OF_A_SPEC):  # which has its line already
                 told += _wrapped(f"WARNING: {sentence}")
-        return "\n".join([*told, f"  {self.env_steps:,} steps, {self.folder}>"])
+        unit = "experiments" if study else "steps"
+        return "\n".join([*told, f"  {self.env_steps:,} {unit}, {self.folder}>"])
 
     def _repr_html_(self) -> str:
         """Return a table for a notebook: parameters, cost and specs, before and after."""

@@ -183,7 +183,7 @@ class Program:
 
     def _failed(self, what: str, output: bytes, errors: bytes) -> ProgramError:
         said = (errors.strip() or output.strip()).decode(errors="replace").splitlines()
-        tail = "".join(f"\n  {line[:200]}" for line in said[-LAST_LINES:])
+        tail = "".join(f"\n  {_printable(line)}" for line in said[-LAST_LINES:])
         name = Path(self.command[0]).name
         return ProgramError(f"{name} {what}{': its last lines' if tail else ''}{tail}")
 
@@ -223,6 +223,11 @@ def _object(output: bytes) -> dict[str, Any] | None:
             if isinstance(answer := json.loads(candidate), dict):
                 return answer
     return None
+
+
+def _printable(line: str) -> str:
+    """Return the beginning of a line, without what would steer a terminal."""
+    return "".join(c if c.isprintable() or c == "\t" else "?" for c in line[:200])
 
 
 def _exit(code: int) -> str:
