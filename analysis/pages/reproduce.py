@@ -41,7 +41,8 @@ def _way(run: Run) -> str:
     same = "The same versions on the same processor model give the same numbers."
     if "study" in run.identity:
         told = "Its experiments were made outside zoac; costs told alike give the same proposals."
-        return html.code(_script(run)) + html.paragraph(told, "muted")
+        text = _command(run) or _script(run)
+        return html.code(text) + html.paragraph(told, "muted") if text else ""
     if text := _command(run):
         return html.code(text) + html.paragraph(same, "muted")
     if text := _program(run):
@@ -63,7 +64,8 @@ def _script(run: Run) -> str:
 def _command(run: Run) -> str:
     """Return the command of a run of the command line; nothing for another, or if unknown."""
     words = run.identity.get("command")
-    if TARGET not in run.config["task"] or (words and not _of_command_line(words[0])):
+    by_name = TARGET in run.config["task"] or "study" in run.identity
+    if not by_name or (words and not _of_command_line(words[0])):
         return ""
     arguments = words[1:] if words else ["-m"]
     if {"-m", "--multirun"} & set(arguments):  # of all runs of a sweep, not of this one

@@ -97,3 +97,17 @@ def test_a_compact_run_has_a_command_too(swept: Path, swept_run: Path, tmp_path:
 def test_a_single_run_has_the_command_that_made_it(tmp_path: Path) -> None:
     command = way(write_run(tmp_path), tmp_path / "out")
     assert command == "python -m zoac.run task=pid_acc tuner=zoac seed=0 runs_dir=again"
+
+
+def test_a_study_of_a_program_has_the_command_that_made_it(tmp_path: Path) -> None:
+    (tmp_path / "sim.py").write_text("print('{\"cost\": 1.0}')\n")
+    words = ["task=program", f"task.command=[{sys.executable},sim.py]", "task.space={kp:[0,20]}"]
+    called(
+        [sys.executable, "-m", "zoac.run", *words, "task.experiments=3", "tuner=random"], tmp_path
+    )
+    (folder,) = {path.parent for path in tmp_path.glob("runs/**/result.json")}
+    command = command_of(way(folder, tmp_path / "out"))
+    assert command[1:3] == ["-m", "zoac.run"]
+    called(command, tmp_path)
+    (again,) = {path.parent for path in tmp_path.glob("again/**/result.json")}
+    assert outcome(again) == outcome(folder)
