@@ -88,7 +88,7 @@ class CmaEs(NevergradTuner):
 
     def _learn(self, outcomes: Outcomes) -> dict[str, float]:
         metrics = super()._learn(outcomes)
-        return {**metrics, "initial_sigma": float(self._strategy.sigma) * self._initial_sigma}
+        return {**metrics, "sigma": float(self._strategy.sigma) * self._initial_sigma}
 
     def _own_recommendation(self) -> np.ndarray | None:
         if self._recommendation != "mean":

@@ -292,7 +292,7 @@ def test_the_console_tells_the_acceptance_tests_verdict_and_broken_constraints(c
     result = tune(quiet=False, acceptance_test=0.5,
                   space={"k": {"low": 0, "high": 2, "baseline": 1.5}},
                   constraints={"never": lambda s: np.ones(s.length)})  # fmt: skip
-    out = capsys.readouterr().out
+    out = " ".join(capsys.readouterr().out.split())  # as it was before it was wrapped
     verdict = (
         "the answer beats"
         if result.record["acceptance_test"]["accepted"]

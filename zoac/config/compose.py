@@ -40,10 +40,8 @@ OPTIONAL_GROUPS = {"preset": "tuner", "fidelity/task": "task", "fidelity/tuner":
 # Overrides that say which run this is; `records.WITHOUT_EFFECT` cannot change its numbers.
 NOT_A_VARIANT = ("task", "tuner", "seed", "launcher", "method", "experiment")
 
-
+# How lines of Hydra's messages begin that say nothing to a user.
 INTERNAL = ("full_key:", "object_type=", "reference_type=", "See https://", "LexerNoViable")
-"""How lines of Hydra's messages begin that say nothing to a user."""
-
 EXTRA_OF_LAUNCHER = {
     "joblib": "launchers", "submitit_local": "launchers", "submitit_slurm": "launchers",
     "ray": "ray-launcher",
