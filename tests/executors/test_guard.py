@@ -79,6 +79,19 @@ def test_a_program_starts_as_it_would_without(tmp_path):
     assert ended(words)[1] == plain
 
 
+def test_where_no_process_may_be_watched_the_program_runs_all_the_same():
+    code = """
+import os
+from zoac.executors import guard
+def refuse(process):
+    raise PermissionError
+os.pidfd_open = refuse
+guard.main(os.getppid(), ["echo", "runs"])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "runs\n"
+
+
 def test_no_watcher_outlives_its_program(tmp_path):
     assert ended(["true"], env={**os.environ, "MARK": str(tmp_path)})[0] == 0
     assert support.end_within(3.0, str(tmp_path))

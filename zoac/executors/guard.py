@@ -58,20 +58,28 @@ def kill(process: subprocess.Popen[bytes]) -> None:
 
 def main(parent: int, words: Sequence[str]) -> None:
     """Become the program, beside a watcher that kills this group with the process `parent`."""
-    ends = [os.pidfd_open(process) for process in (parent, os.getpid())]
+    ends = []
+    with suppress(OSError):  # an old kernel or a container may forbid it: then without a watcher
+        ends = [os.pidfd_open(process) for process in (parent, os.getpid())]
     if os.getppid() != parent:  # it has ended already
         return
-    if (child := os.fork()) == 0:
-        if os.fork() == 0:  # a grandchild, so that the program has no child it does not know
-            _watch(ends)
-        os._exit(0)
-    os.waitpid(child, 0)
+    if ends:
+        _start_watcher(ends)
     for ignored in (signal.SIGPIPE, signal.SIGXFSZ):  # by Python, for itself
         signal.signal(ignored, signal.SIG_DFL)
     try:
         os.execvp(words[0], list(words))
     except OSError as error:
         sys.exit(f"cannot start {words[0]!r}: {error.strerror}")
+
+
+def _start_watcher(ends: Sequence[int]) -> None:
+    """Start the watcher as a grandchild, so that the program has no child it does not know."""
+    if (child := os.fork()) == 0:
+        if os.fork() == 0:
+            _watch(ends)
+        os._exit(0)
+    os.waitpid(child, 0)
 
 
 def _watch(ends: Sequence[int]) -> None:
