@@ -9,7 +9,11 @@ import pytest
 import zoac
 
 FOLDER = Path(__file__).parents[2] / "examples"
-MORE = {"pendulum_pd": ["--episodes", "2"], "memory_controller": ["--out", "gains.h"]}
+MORE = {
+    "pendulum_pd": ["--episodes", "2"],
+    "memory_controller": ["--out", "gains.h"],
+    "cartpole_mpc": ["--budget", "1000"],  # of which a fraction chooses among candidates
+}
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.py")), ids=lambda path: path.stem)

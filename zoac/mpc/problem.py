@@ -50,7 +50,7 @@ class Sparsity:
     b: np.ndarray
 
 
-PENALTY = 1e4
+PENALTY = 1e3
 """Default penalty of a soft bound on states, in terms of the largest stage weight of a state."""
 
 

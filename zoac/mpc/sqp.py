@@ -47,7 +47,7 @@ class MpcOptions:
         state_high: Upper bounds X_max, likewise.
         state_bounds: "soft": a state may be beyond them at a price, exact penalties; "hard": where
             no plan keeps them, the step counts as failed.
-        state_penalty: Price of a state beyond a soft bound by one unit, at each step; None: 10,000
+        state_penalty: Price of a state beyond a soft bound by one unit, at each step; None: 1,000
             times the largest stage weight of a state.
 
     Raises:

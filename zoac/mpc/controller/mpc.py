@@ -76,7 +76,7 @@ class Mpc:
                 the controller applies the last plan of this step that was solved, or the input's
                 reference, else 0, clipped to its bounds.
             penalty: Cost of a state beyond a soft bound by one unit, at each step; by name, or one
-                number for all. None: 10,000 times the largest weight of a state. A bound is kept
+                number for all. None: 1,000 times the largest weight of a state. A bound is kept
                 exactly where it can be, while the penalty exceeds its multiplier.
             reference: Of states and inputs: numbers by name; or slices of the observation, one
                 column, which is then held, or `horizon` of them, for x_1 .. x_N; or a function of

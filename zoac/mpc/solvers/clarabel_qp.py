@@ -85,7 +85,7 @@ class ClarabelSolver:
         status = np.empty(n, dtype=np.int8)
         iterations = np.zeros(n, dtype=np.int64)
         scale = units(problem, always=robust)
-        data, scales = form.data(problem, scale)
+        data, scales = form.data(problem, scale, robust)
         multipliers = np.zeros((n, horizon, problem.a.shape[-1])) if layout.bounds_size else None
         for env_index, numbers in enumerate(data):
             for solver in self._attempts(form, numbers, prepared, robust):
@@ -185,7 +185,9 @@ class _CanonicalForm:
         self.inputs = slice(first, first + layout.horizon * layout.nu)
         """Where the inputs stand in x: component by component, each over the horizon."""
 
-    def data(self, problem: LinearisedProblem, scale: Units) -> tuple[np.ndarray, np.ndarray]:
+    def data(
+        self, problem: LinearisedProblem, scale: Units, robust: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return Clarabel's numbers, a row for each of the n problems, and its objectives' scales.
 
         A row holds the nonzeros of P, those of A, b, and q where states are bounded.
@@ -193,7 +195,8 @@ class _CanonicalForm:
         parameters = np.ones((len(problem.a), self._map.shape[1]))
         dynamics, weights = parameters[:, self._dynamics], parameters[:, self._weights]
         bounds = parameters[:, self._bounds] if self._layout.bounds_size else None
-        scales = write_parameters(problem, self._layout, scale, dynamics, weights, bounds)
+        limit = {"largest_penalty": np.inf} if robust else {}
+        scales = write_parameters(problem, self._layout, scale, dynamics, weights, bounds, **limit)
         return self._product(parameters), scales
 
     def split(self, numbers: np.ndarray) -> dict[str, np.ndarray]:

@@ -19,7 +19,9 @@ from zoac.mpc.solvers.scaling import Units
 
 _ROLLOUT_COST = 1e3
 _OBJECTIVE_SCALES = 0.1, 100.0  # beyond, the tolerances would mean too little or ask too much
-_LARGEST_PENALTY = 1e3  # multipliers of many thousands cost an interior-point method its accuracy
+_LARGEST_PENALTY = 1e3
+"""Multipliers of many thousands cost an interior-point method its accuracy. But where no bound is
+active, so small an objective does; a robust solve does without this."""
 
 
 def write_parameters(
@@ -29,8 +31,18 @@ def write_parameters(
     dynamics: np.ndarray,
     weights: np.ndarray,
     bounds: np.ndarray | None = None,
+    largest_penalty: float = _LARGEST_PENALTY,
 ) -> np.ndarray:
     """Write each problem's parameters, in `units`, into `dynamics`, `weights` and `bounds`.
+
+    Args:
+        problem: The problems.
+        layout: Theirs.
+        units: Likewise.
+        dynamics: (n, its size).
+        weights: (n, its size).
+        bounds: (n, its size), if states are bounded.
+        largest_penalty: Limit on scaled penalties; the whole objective becomes smaller with them.
 
     Returns:
         By how much each problem's objective is multiplied (n,).
@@ -66,7 +78,7 @@ def write_parameters(
         ]
         penalty = given.penalty[:, list(soft)] * units.states[:, list(soft)]
         largest = penalty.max(axis=1, initial=0.0) * scales
-        less = _LARGEST_PENALTY / np.maximum(largest, _LARGEST_PENALTY)
+        less = np.minimum(largest_penalty / np.maximum(largest, 1e-300), 1.0)
         scales *= less
         weights *= less[:, None]
         penalty *= scales[:, None]
