@@ -105,7 +105,7 @@ def do_mpc_controller(collocation: bool, tolerance: float) -> Any:
     return mpc
 
 
-class Ours:
+class OwnMpc:
     """An `Mpc` of one environment, with its memory."""
 
     def __init__(self, before: np.ndarray, **options: Any) -> None:
@@ -148,11 +148,11 @@ def main() -> None:
             ("do-mpc, Runge-Kutta (the same programme)", False),
         )
     }
-    ours = {
-        "zoac, three programmes": Ours(before),
-        "zoac, three, shifted plan": Ours(before, initial_guess="shifted"),
-        "zoac, one, shifted plan": Ours(before, initial_guess="shifted", linearisations=1),
-        "zoac, converged, shifted plan": Ours(
+    own_ones = {
+        "zoac, three programmes": OwnMpc(before),
+        "zoac, three, shifted plan": OwnMpc(before, initial_guess="shifted"),
+        "zoac, one, shifted plan": OwnMpc(before, initial_guess="shifted", linearisations=1),
+        "zoac, converged, shifted plan": OwnMpc(
             before, initial_guess="shifted", linearisations="converged"
         ),
     }
@@ -160,7 +160,7 @@ def main() -> None:
     for controller in theirs.values():
         controller.x0, controller.u0 = x[:, None], before[:, None]
         controller.set_initial_guess()
-    seconds: dict[str, list[float]] = {name: [] for name in (*theirs, *ours)}
+    seconds: dict[str, list[float]] = {name: [] for name in (*theirs, *own_ones)}
     off: dict[str, float] = dict.fromkeys(seconds, 0.0)
     for step in range(options.steps + 1):
         inputs = {}
@@ -168,7 +168,7 @@ def main() -> None:
             began = time.thread_time()
             inputs[name] = np.array(controller.make_step(x[:, None])).ravel()
             seconds[name].append(time.thread_time() - began)
-        for name, own in ours.items():
+        for name, own in own_ones.items():
             began = time.thread_time()
             inputs[name] = own(x)
             seconds[name].append(time.thread_time() - began)
@@ -176,18 +176,18 @@ def main() -> None:
         for name, value in inputs.items():
             difference = np.abs(value - applied) / (INPUT_HIGH - INPUT_LOW)
             off[name] = max(off[name], float(difference.max())) if step else 0.0
-        for own in ours.values():
+        for own in own_ones.values():
             own.follow(applied)
         for controller in theirs.values():
             controller.u0 = applied[:, None]
-        x = ours["zoac, three programmes"].mpc.model.predict(
+        x = own_ones["zoac, three programmes"].mpc.model.predict(
             np.empty((1, 0)), x[None], applied[None]
         )[0]
     fastest = min(float(np.median(seconds[name][1:])) for name in theirs)
     print(f"{options.steps} steps; the first of all is not counted: it compiles")
     for name, spent in seconds.items():
         median = float(np.median(spent[1:]))
-        failures = ours[name].failures if name in ours else 0
+        failures = own_ones[name].failures if name in own_ones else 0
         print(
             f"{name:42s} {median * 1e3:7.2f} ms a step, {fastest / median:5.1f} times as fast as "
             f"do-mpc; first input off by at most {off[name]:.1e} of its range, {failures} failures"
