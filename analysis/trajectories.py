@@ -32,6 +32,8 @@ REFERENCE = "Reference"
 TIME_AXES = ("Time [s]", "Step")
 MIN_CROSSINGS = 16
 """Eight periods: fewer are seen as they are."""
+MAX_JITTER = 0.25
+"""Largest standard deviation of the periods of a limit cycle, as a fraction of their mean."""
 MIN_SWING = 0.1
 """Of a limit cycle, as a fraction of the range of its trace."""
 
@@ -136,13 +138,17 @@ def draw_panel(axes: Axes, task: Task, loops: Sequence[Loop], k: int, last: int)
             x[shown], y[shown], color=style.GREY, linewidth=2.4, alpha=0.55, solid_capstyle="butt"
         )
     cycles = [limit_cycle(task.traces(loop.segment)) for loop in loops]
-    entries |= {_label(loop, cycle): None for loop, cycle in zip(loops, cycles, strict=True)}
+    labels = [
+        cycle.label(loop.label) if cycle else loop.label
+        for loop, cycle in zip(loops, cycles, strict=True)
+    ]
+    entries |= dict.fromkeys(labels)
     several = sum(cycle is not None for cycle in cycles) > 1
     # A limit cycle is drawn behind what settles, which it would cover.
-    for loop, line, cycle in sorted(
-        zip(loops, lines, cycles, strict=True), key=lambda drawn: drawn[2] is None
+    for loop, line, cycle, label in sorted(
+        zip(loops, lines, cycles, labels, strict=True), key=lambda drawn: drawn[2] is None
     ):
-        entries[_label(loop, cycle)] = _draw_loop(axes, loop.look, line, cycle, last + 1, several)
+        entries[label] = _draw_loop(axes, loop.look, line, cycle, last + 1, several)
         if loop.segment.terminated and loop.segment.length <= last:
             axes.plot(line.x[-1:], line.y[-1:], "x", color=loop.look.colour, markersize=5)
     low, high = axes.get_ylim()
@@ -163,7 +169,7 @@ def _draw_loop(
     plain = {"color": look.colour, "linestyle": look.dashes}
     if cycle is None:
         return axes.plot(x, y, **plain)[0]
-    low, high = (edge[:until] for edge in _envelope(line, cycle))
+    low, high = (edge[:until] for edge in envelope(line, cycle))
     axes.fill_between(x, low, high, lw=0, alpha=0.1 if several else 0.25, color=look.colour)
     if not several:
         return axes.plot(x, y, color=look.colour, linewidth=0.5)[0]
@@ -178,12 +184,17 @@ class Cycle:
     samples: int
     period: str
 
+    def label(self, name: str) -> str:
+        """Return the entry of a legend for what is called `name`."""
+        return f"{name} (limit cycle, {self.period})"
+
 
 def limit_cycle(traces: Sequence[Trace]) -> Cycle | None:
     """Return the sustained oscillation of a closed loop, None if it settles or swings slowly.
 
     A trace over time has one if it crosses its mean in the second half at least `MIN_CROSSINGS`
-    times, and swings in the last quarter at least half as far as in the quarter before.
+    times, after periods that are alike, and swings in the last quarter at least half as far as in
+    the quarter before.
     """
     for trace in traces:
         if trace.x_label not in TIME_AXES:
@@ -194,20 +205,17 @@ def limit_cycle(traces: Sequence[Trace]) -> Cycle | None:
             continue
         above = half > half.mean()
         crossings = np.flatnonzero(above[1:] != above[:-1])
-        if len(crossings) < MIN_CROSSINGS:
+        periods = np.diff(crossings[::2])
+        if len(crossings) < MIN_CROSSINGS or periods.std() > MAX_JITTER * periods.mean():
             continue
-        samples = 2 * (crossings[-1] - crossings[0]) / (len(crossings) - 1)
+        samples = float(periods.mean())
         seconds = samples * float(trace.x[1] - trace.x[0])
         unit = "s" if trace.x_label.endswith("[s]") else "steps"
         return Cycle(round(samples), f"{seconds:.2g} {unit}")
     return None
 
 
-def _label(loop: Loop, cycle: Cycle | None) -> str:
-    return loop.label if cycle is None else f"{loop.label} (limit cycle, {cycle.period})"
-
-
-def _envelope(trace: Trace, cycle: Cycle) -> tuple[np.ndarray, np.ndarray]:
+def envelope(trace: Trace, cycle: Cycle) -> tuple[np.ndarray, np.ndarray]:
     """Return the least and the largest value within a period around each sample."""
     count = len(trace.y)
     width = max(1, min(cycle.samples, count))

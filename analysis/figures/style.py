@@ -65,6 +65,7 @@ LOOKS = {
     "random": Look("#999933", _dashes(3, 3, 1, 3), "<"),
     "nevergrad": Look("#882255", _dashes(2, 1), ">"),
     "optuna": Look("#7F4F24", _dashes(3, 1, 3, 1, 1, 1), "p"),
+    "halving": Look("#6A3D9A", _dashes(5, 2, 2, 2), "8"),
     "nominal": NOMINAL,
 }
 """The look of each tuner, the same in every figure; `_reg`: with the regularised cost."""
@@ -74,7 +75,7 @@ BEFORE, AFTER = (Look(c, dashes, "") for c, dashes in (responses.BEFORE, respons
 
 _SPARE = (
     ("#117733", "#AA4499", "#661100"),
-    ("h", "*", "d", "8"),
+    ("h", "*", "d", "H"),
     (_dashes(9, 2, 2, 2), _dashes(3, 0.8), _dashes(1, 3), _dashes(7, 3), _dashes(4, 1, 1, 3)),
 )
 """Colours, markers and dashes of tuners without a look of their own."""

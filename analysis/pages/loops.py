@@ -15,7 +15,13 @@ from zoac.analysis.data.runs import Run
 from zoac.analysis.figures import style
 from zoac.analysis.pages import html
 from zoac.analysis.pages.formatting import NOTHING, significant
-from zoac.analysis.trajectories import before_and_after, draw_panel
+from zoac.analysis.trajectories import (
+    TIME_AXES,
+    before_and_after,
+    draw_panel,
+    envelope,
+    limit_cycle,
+)
 from zoac.core.errors import RunFolderError
 from zoac.core.measures import Trace
 from zoac.runs import responses, schema
@@ -41,6 +47,7 @@ def recorded(run: Run) -> str:
     for name in (n for n in table.columns[2:] if n not in references.values()):
         figure, axes = html.figure()
         responses.draw(axes, table, name, specs)
+        _mark_limit_cycles(axes, table, name, bool(signals.get("sample_time")))
         axes.set_ylabel(f"{name} [{units[name]}]" if units.get(name) else name)
         axes.set_xlabel("Time [s]" if signals.get("sample_time") else "Step")
         handles, labels = axes.get_legend_handles_labels()
@@ -50,6 +57,21 @@ def recorded(run: Run) -> str:
     if len(set(table["parameters"])) > 1:
         note += " Before: with the baseline values."
     return html.gallery(pictures) + html.paragraph(note, "muted")
+
+
+def _mark_limit_cycles(axes: Axes, table: pd.DataFrame, name: str, timed: bool) -> None:
+    """Shade what a signal in a limit cycle swings between; draw it thin, behind what settles."""
+    lines = {str(line.get_label()): line for line in axes.get_lines()}
+    for which, part in table.groupby("parameters", sort=False):
+        time, values = (part[column].to_numpy(float) for column in ("time", name))
+        trace = Trace(name, time, values, TIME_AXES[0] if timed else TIME_AXES[1])
+        cycle = limit_cycle([trace])
+        if cycle is None:
+            continue
+        line = lines[responses.LOOKS[str(which)][0]]
+        line.set(linewidth=0.5, zorder=1.5, label=cycle.label(str(line.get_label())))
+        low, high = envelope(trace, cycle)
+        axes.fill_between(time, low, high, lw=0, alpha=0.25, color=line.get_color())
 
 
 def step_information(run: Run) -> str:

@@ -228,6 +228,20 @@ def test_the_step_is_described_where_the_reference_steps_once(signals: str) -> N
     assert float(settled["After"]) == pytest.approx(0.5 * np.log(50), abs=0.11)
 
 
+def test_a_recorded_limit_cycle_is_told_with_its_period(tmp_path: Path) -> None:
+    file = with_signals(tmp_path) / "responses.csv"
+    rows = ["parameters,time,y,r,u"]
+    for which, amplitude in (("baseline", 0.0), ("tuned", 0.3)):
+        for t in np.arange(0.0, 60.0, 0.1):
+            rows.append(f"{which},{t},{1 + amplitude * np.sin(2 * np.pi * t / 1.5)},1.0,0.5")
+    file.write_text("\n".join(rows) + "\n")
+    response = page(tmp_path, tmp_path / "out").split("<h3>Response</h3>")[1].split("<h3>")[0]
+    y, u = re.findall(r"<svg.*?</svg>", response, re.S)
+    assert ">After (limit cycle, 1.5 s)</text>" in y
+    assert ">Before</text>" in y
+    assert "limit cycle" not in u
+
+
 def test_a_reference_that_moves_twice_has_no_step(tmp_path: Path) -> None:
     file = with_signals(tmp_path) / "responses.csv"
     lines = file.read_text().splitlines()

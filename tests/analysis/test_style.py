@@ -180,7 +180,8 @@ def test_a_limit_cycle_is_found_with_its_period() -> None:
     assert (cycle.samples, cycle.period) == (25, "2.5 s")
     decays = np.exp(-time / 10) * np.sin(2 * np.pi * time / 2.5)
     slow = np.sin(2 * np.pi * time / 40)
-    for y in (decays, slow, np.zeros(1000), np.ones(3)):
+    noise = np.random.default_rng(0).normal(size=1000)
+    for y in (decays, slow, noise, np.convolve(noise, np.ones(9)), np.zeros(1000), np.ones(3)):
         assert trajectories.limit_cycle([trace(y)]) is None
     assert trajectories.limit_cycle([trace(np.sin(time), "Path x [m]")]) is None
 
@@ -190,6 +191,6 @@ def test_a_limit_cycle_is_shaded_over_what_it_swings_between() -> None:
     y = 3.0 + np.sin(2 * np.pi * time / 2.5)
     cycle = trajectories.limit_cycle([trace(y)])
     assert cycle is not None
-    low, high = trajectories._envelope(trace(y), cycle)
+    low, high = trajectories.envelope(trace(y), cycle)
     np.testing.assert_allclose(low, 2.0, atol=0.01)
     np.testing.assert_allclose(high, 4.0, atol=0.01)
