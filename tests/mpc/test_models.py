@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import time
 
 import cloudpickle
 import numba
@@ -13,7 +12,7 @@ import pytest
 from tests.mpc.systems import cart_pole_derivative
 from zoac.config.fingerprint import described
 from zoac.core.errors import ConfigError
-from zoac.mpc import CasadiModel, FunctionModel, compiled
+from zoac.mpc import CasadiModel, FunctionModel
 
 NAMES = {
     "states": ["position", "speed", "angle", "rate"],
@@ -183,14 +182,3 @@ def test_jacobians_are_checked_for_their_name() -> None:
 def test_branches_need_another_model_than_casadis() -> None:
     with pytest.raises(ConfigError, match=r"no `if` on values, or zoac\.mpc\.FunctionModel"):
         CasadiModel(["a"], ["u"], step=lambda x, u, p: (x.a if x.a > 0 else u.u,))
-
-
-def test_a_long_first_use_says_so(capsys, monkeypatch) -> None:
-    monkeypatch.setattr(compiled, "PATIENCE", 0.01)
-    with compiled.first_use("the MPC"):
-        time.sleep(0.2)
-    with compiled.first_use("nothing"):
-        pass
-    time.sleep(0.05)
-    said = capsys.readouterr().err
-    assert said == "compiling the MPC, once; this can take half a minute ...\n"

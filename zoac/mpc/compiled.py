@@ -3,39 +3,13 @@
 from __future__ import annotations
 
 import sys
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import numba
 from numba.core import event
 
 _told: list[bool] = []
-
-PATIENCE = 2.0
-"""Seconds of silence at a first use."""
-
-
-@contextmanager
-def first_use(what: str) -> Iterator[None]:
-    """Say on standard error that something is compiled, if the block lasts longer than `PATIENCE`.
-
-    Args:
-        what: What is compiled.
-    """
-
-    def tell() -> None:
-        if sys.stderr is not None:
-            print(f"compiling {what}, once; this can take half a minute ...", file=sys.stderr)
-
-    timer = threading.Timer(PATIENCE, tell)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
 
 
 class _Announcement(event.Listener):

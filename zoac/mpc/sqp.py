@@ -15,7 +15,6 @@ import numpy as np
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.types import Count, NonNegative
 from zoac.mpc.attempt import Attempt
-from zoac.mpc.compiled import first_use
 from zoac.mpc.problem import LinearisedProblem, Solver, Sparsity, StateBounds, Status
 from zoac.mpc.solvers.scaling import units
 
@@ -189,14 +188,6 @@ class SequentialQp:
         Raises:
             ConfigError: In the first call, if the model's Jacobians are not as sparse as it says.
         """
-        if self._checked:
-            return self._plan(theta, start, objective, guess)
-        with first_use("the MPC"):
-            return self._plan(theta, start, objective, guess)
-
-    def _plan(
-        self, theta: np.ndarray, start: np.ndarray, objective: Objective, guess: np.ndarray
-    ) -> Plan:
         n = len(start)
         inputs = np.empty_like(guess)
         status = np.empty(n, dtype=np.int8)
