@@ -25,9 +25,10 @@ def task(dimension, with_specs=False):
     ("dimension", "with_specs", "episodes", "name"),
     [
         (2, False, MIN_EPISODES, "cmaes_full"),
-        (2, False, MIN_EPISODES - 1, "zoac"),
-        (MAX_COORDINATES + 1, False, 10_000, "zoac"),
-        (1, False, 10_000, "zoac"),
+        (2, False, MIN_EPISODES - 1, "zoac_plus"),
+        (MAX_COORDINATES, False, MIN_EPISODES, "cmaes_full"),
+        (MAX_COORDINATES + 1, False, 10_000, "zoac_plus"),
+        (1, False, 30, "nevergrad"),
         (2, True, 5, "cmaes_full"),
         (1, True, 5, "nevergrad"),
     ],
@@ -35,16 +36,16 @@ def task(dimension, with_specs=False):
 def test_it_is_chosen_by_parameters_budget_and_specs(dimension, with_specs, episodes, name):
     chosen = tuner_for(task(dimension, with_specs), 10 * episodes)
     assert chosen.tuner == name
-    common = name == "cmaes_full" and not with_specs
+    common = name != "zoac_plus" and not with_specs
     assert chosen.settings == ({"common_random_numbers": True} if common else {})
 
 
 def test_it_is_the_default_and_the_tuner_it_chose_is_recorded():
-    result = zoac.tune(task="lqr", budget=20_000, quiet=True, final_episodes=2)
+    result = zoac.tune(task="lqr", budget=40_000, quiet=True, final_episodes=2)
     assert np.isfinite(result.cost_mean)
     assert zoac.load_result(result.folder).record["tuner"] == "cmaes_full"
     told = schema.read_run(result.folder)["tuner_choices"]["auto"]
-    assert told == "cmaes_full with common random numbers, for 2 parameters and 100 episodes"
+    assert told == "cmaes_full with common random numbers, for 2 parameters and 200 episodes"
 
 
 OPTIONS = ("task=lqr", "tuner=auto", "eval_every=20000", "evaluation.final_episodes=2")
@@ -56,11 +57,11 @@ def on_the_command_line(folder, *overrides):
 
 
 def test_the_command_line_follows_the_same_rule_and_says_so_in_its_first_lines(tmp_path, capsys):
-    record = on_the_command_line(tmp_path, "budget=20000")
-    twin = zoac.tune(task="lqr", budget=20_000, eval_every=20_000, quiet=True, final_episodes=2)
+    record = on_the_command_line(tmp_path, "budget=40000")
+    twin = zoac.tune(task="lqr", budget=40_000, eval_every=20_000, quiet=True, final_episodes=2)
     assert record["parameters"] == twin.parameters
     run = schema.read_run(tmp_path / "lqr" / "auto" / "seed=0")
-    told = "cmaes_full with common random numbers, for 2 parameters and 100 episodes"
+    told = "cmaes_full with common random numbers, for 2 parameters and 200 episodes"
     assert run["tuner_choices"]["auto"] == told
     assert run["config"]["tuner"]["_target_"].endswith("CmaEs")
     assert capsys.readouterr().out.splitlines()[1] == f"  auto: {told}"
@@ -70,10 +71,10 @@ def test_the_choice_has_the_options_that_suit_the_task_and_the_fidelity():
     config = resolved(compose_config(["task=pid_acc", "tuner=auto", "budget=5000"]))
     groups = {"task": "pid_acc", "tuner": "auto", "fidelity": "authors_code"}
     found, choice = settled(config, zoac.make_task("pid_acc"), groups)
-    assert choice.tuner == "zoac"
-    named = ["task=pid_acc", "tuner=zoac", "fidelity=authors_code"]
+    assert choice.tuner == "zoac_plus"
+    named = ["task=pid_acc", "tuner=zoac_plus", "fidelity=authors_code"]
     assert found["tuner"] == resolved(compose_config(named))["tuner"]
-    assert found["tuner"] != resolved(compose_config(["task=lqr", "tuner=zoac"]))["tuner"]
+    assert found["tuner"] != resolved(compose_config(["task=lqr", "tuner=zoac_plus"]))["tuner"]
 
 
 def test_what_the_user_sets_stays_and_options_of_no_tuner_are_refused(tmp_path):

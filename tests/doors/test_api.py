@@ -246,8 +246,11 @@ def test_a_built_in_task_by_name():
     ("changes", "message"),
     [
         ({"tuner": "zoca"}, "did you mean 'zoac'"),
-        ({"tuner_options": {"sgima": 1}}, "did you mean 'exploration.sigma'"),
-        ({"tuner_options": {"exploration": {"sigma": -1}}}, "tuner.exploration.sigma=-1"),
+        ({"tuner": "zoac", "tuner_options": {"sgima": 1}}, "did you mean 'exploration.sigma'"),
+        (
+            {"tuner": "zoac", "tuner_options": {"exploration": {"sigma": -1}}},
+            "tuner.exploration.sigma=-1",
+        ),
         ({"budget": -5}, "budget=-5"),
         ({"eval_every": 0}, "eval_every=0"),
         ({"initial_sigma": "high"}, "initial_sigma='high': input should be a valid number"),

@@ -17,7 +17,9 @@ from zoac.rollout.task import Task
 MAX_COORDINATES = 20
 """Beyond, a whole episode says too little about each coordinate."""
 
-MIN_EPISODES = 100
+COMMON = {"common_random_numbers": True}
+
+MIN_EPISODES = 200
 """Fewer end before CMA-ES has learned a covariance."""
 
 
@@ -43,9 +45,9 @@ class Choice:
 def tuner_for(task: Task, budget: float) -> Choice:
     """Return the tuner that "auto" stands for.
 
-    Specs are judged over whole episodes, so CMA-ES tunes what has some, for a single parameter
-    differential evolution. It also tunes a few gains with a budget for many episodes, compared on
-    common random numbers. Everything else is tuned by ZOAC.
+    Specs are judged over whole episodes, so CMA-ES tunes what has some. It also tunes a few gains
+    with a budget for many episodes, compared on common random numbers. Differential evolution
+    takes its place for a single parameter. Everything else is tuned by successive halving and ZOAC.
 
     Args:
         task: What is tuned.
@@ -57,9 +59,11 @@ def tuner_for(task: Task, budget: float) -> Choice:
         return Choice("cmaes_full" if dimension > 1 else "nevergrad", f"specs and {size}")
     episodes = int(budget // task.horizon.steps) if is_number(budget) else 0
     because = f"{size} and {episodes:,} episodes"
-    if 1 < dimension <= MAX_COORDINATES and episodes >= MIN_EPISODES:
-        return Choice("cmaes_full", because, {"common_random_numbers": True})
-    return Choice("zoac", because)
+    if dimension == 1:
+        return Choice("nevergrad", because, COMMON)
+    if dimension <= MAX_COORDINATES and episodes >= MIN_EPISODES:
+        return Choice("cmaes_full", because, COMMON)
+    return Choice("zoac_plus", because)
 
 
 def settled(
