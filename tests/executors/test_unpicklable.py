@@ -26,7 +26,7 @@ def proportional(params, obs):
 def tune(folder, env, **options):
     return zoac.tune(**{
         "env": env, "controller": proportional, "space": {"k": (0, 2)}, "budget": 200,
-        "num_envs": 2,
+        "num_envs": 2, "tuner": "zoac",
         "episodes": 1, "final_episodes": 2, "quiet": True, "max_episode_steps": 10,
         "folder": folder, **options,
     })  # fmt: skip
