@@ -136,7 +136,7 @@ def test_an_environment_that_cannot_be_copied_any_more_is_tuned_on(tmp_path, cap
         "space": {"k": (0, 2), "other": (0, 1)},
     }
     result = tune(tmp_path / "run", LockedLate, **options)
-    assert result.env_steps >= 4000
+    assert 3000 < result.env_steps <= 4000
     assert (
         "an environment cannot be copied any more (TypeError: cannot pickle"
         in capsys.readouterr().err
