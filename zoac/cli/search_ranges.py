@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from zoac.core.errors import ConfigError, suggest
+from zoac.core.types import is_number
 
 
 def distributions(ranges: Mapping[str, Any]) -> dict[str, Any]:
@@ -52,6 +53,14 @@ def _distribution(node: Any) -> Any:
     whole = all(isinstance(b, int) for b in bounds)
     kind = optuna.distributions.IntDistribution if whole else optuna.distributions.FloatDistribution
     return kind(*bounds, log=node.get("log", False))
+
+
+def contains(distribution: Any, value: Any) -> bool:
+    """Tell whether a value lies in one of Optuna's distributions."""
+    choices = getattr(distribution, "choices", None)
+    if choices is not None:
+        return value in choices
+    return is_number(value) and bool(distribution.low <= value <= distribution.high)
 
 
 def value_at(plain: Mapping[str, Any], key: str) -> Any:
