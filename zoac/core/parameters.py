@@ -59,31 +59,25 @@ class Parameter:
     options: tuple[Any, ...] = ()
 
     def __post_init__(self) -> None:
-        where = f"parameter {self.name!r}"
         if self.kind == "choice":
             return
+        where, got = f"parameter {self.name!r}", f"got [{self.low}, {self.high}]"
         if self.scale not in ("linear", "log"):
             raise ConfigError(
                 f"{where}: unknown scale {self.scale!r}; {suggest(self.scale, ('linear', 'log'))}"
             )
         if not (math.isfinite(self.low) and math.isfinite(self.high)):
-            raise ConfigError(f"{where}: bounds must be finite, got [{self.low}, {self.high}]")
+            raise ConfigError(f"{where}: bounds must be finite, {got}")
         if self.low >= self.high:
-            raise ConfigError(
-                f"{where}: the lower bound must be below the upper, got [{self.low}, {self.high}]"
-            )
+            raise ConfigError(f"{where}: the lower bound must be below the upper, {got}")
         if self.scale == "log" and self.low * self.high <= 0:
             raise ConfigError(
-                f"{where}: a log scale needs a positive lower bound, or a negative upper one, got "
-                f"[{self.low}, {self.high}]"
+                f"{where}: a log scale needs a positive lower bound, or a negative upper one, {got}"
             )
-        if self.kind == "integer":
-            if self.scale == "log":
-                raise ConfigError(f"{where}: an integer has no log scale; tune its logarithm")
-            if self.low != int(self.low) or self.high != int(self.high):
-                raise ConfigError(
-                    f"{where}: bounds of an integer must be whole, got [{self.low}, {self.high}]"
-                )
+        if self.kind == "integer" and self.scale == "log":
+            raise ConfigError(f"{where}: an integer has no log scale; tune its logarithm")
+        if self.kind == "integer" and (self.low % 1 or self.high % 1):
+            raise ConfigError(f"{where}: bounds of an integer must be whole, {got}")
 
     @property
     def numeric(self) -> bool:
@@ -134,8 +128,8 @@ def choice(name: str, options: Sequence[Any], unit: str = "") -> Parameter:
 class ParameterSpace:
     """An ordered set of parameters and the map between it and the mapped box [-1, 1]^d.
 
-    One to one where all parameters are real; of a discrete one, `unit` returns the point that
-    stands for the value.
+    One to one where all parameters are real; of a discrete one, `normalise` returns the
+    point that stands for the value.
     """
 
     def __init__(self, parameters: Sequence[Parameter]) -> None:
@@ -147,8 +141,7 @@ class ParameterSpace:
         self.names = tuple(p.name for p in self.parameters)
         if not self.names:
             raise ConfigError("a parameter space needs at least one parameter")
-        repeated = {name for name in self.names if self.names.count(name) > 1}
-        if repeated:
+        if repeated := {name for name in self.names if self.names.count(name) > 1}:
             raise ConfigError(f"parameter names must differ; repeated: {', '.join(repeated)}")
         self._log = np.array([p.scale == "log" for p in self.parameters])
         self._bounds = np.array([(p.low, p.high) for p in self.parameters], dtype=np.float64).T
@@ -183,8 +176,7 @@ class ParameterSpace:
         Raises:
             ConfigError: If a coordinate is NaN, which no bound would stop.
         """
-        missing = np.isnan(x).reshape(-1, self.dimension).any(axis=0)
-        if missing.any():
+        if (missing := np.isnan(x).reshape(-1, self.dimension).any(axis=0)).any():
             named = ", ".join(np.array(self.coordinates)[missing])
             raise ConfigError(f"expected a number for every parameter, got NaN for {named}")
         return np.clip(x, -1.0, 1.0)
@@ -234,8 +226,7 @@ class ParameterSpace:
         """Map `x` (..., d) to named physical values, each of shape (...,); options as such."""
         values = self.values(x)
         physical = {name: values[..., i] for i, name in enumerate(self.names)}
-        for i in self._choices:
-            p = self.parameters[i]
+        for i, p in enumerate(self.parameters):
             if not p.numeric:
                 physical[p.name] = np.array(p.options, dtype=object)[values[..., i].astype(int)]
         return physical
@@ -255,8 +246,7 @@ class ParameterSpace:
         for name in parameters:
             if name not in self.names:
                 raise ConfigError(f"unknown parameter {name!r}; {suggest(name, self.names)}")
-        missing = [name for name in self.names if name not in parameters]
-        if missing:
+        if missing := [name for name in self.names if name not in parameters]:
             raise ConfigError(
                 f"no value for parameter(s) {', '.join(missing)}; values are needed for all of "
                 f"{', '.join(self.names)}"
@@ -264,17 +254,11 @@ class ParameterSpace:
         given = (self._numbers(p, parameters[p.name]) for p in self.parameters)
         values = np.stack(np.broadcast_arrays(*given), axis=-1)
         for i, p in enumerate(self.parameters):
-            if p.kind == "choice":
-                continue
-            if not np.all((values[..., i] >= p.low) & (values[..., i] <= p.high)):
-                raise ConfigError(
-                    f"parameter {p.name!r}: {parameters[p.name]} lies outside "
-                    f"[{p.low}, {p.high}] {p.unit}".rstrip()
-                )
+            said = f"parameter {p.name!r}: {parameters[p.name]}"
+            if not np.all((values[..., i] >= p.low) & (values[..., i] <= p.high) | bool(p.options)):
+                raise ConfigError(f"{said} lies outside [{p.low}, {p.high}] {p.unit}".rstrip())
             if p.kind == "integer" and np.any(values[..., i] % 1.0):
-                raise ConfigError(
-                    f"parameter {p.name!r}: {parameters[p.name]} is not a whole number"
-                )
+                raise ConfigError(f"{said} is not a whole number")
         codes = values.copy()
         values[..., self._log] = np.log10(values[..., self._log] * self._sign)
         low, high = self._scaled
@@ -307,9 +291,8 @@ class ParameterSpace:
                     f"parameter {p.name!r}: unknown option {value!r}; "
                     f"{suggest(str(value), map(str, p.options))}"
                 )
-        return np.array([codes[v] for v in array.reshape(-1)], dtype=np.float64).reshape(
-            array.shape
-        )
+        numbers = [codes[v] for v in array.reshape(-1)]
+        return np.array(numbers, dtype=np.float64).reshape(array.shape)
 
 
 def _codes(p: Parameter) -> np.ndarray:

@@ -165,9 +165,7 @@ class RolloutEngine:
         for env_index, failure in failures.items():
             self._begin_anew(env_index)
             if env_index not in self._failures:
-                self._failures[env_index] = self._priced(
-                    failure, f"{failure}. {self._place(env_index)}"
-                )
+                self._failures[env_index] = self._priced_here(failure, env_index)
         if self._failures:
             failed = np.zeros(self.n, dtype=bool)
             failed[list(self._failures)] = True
@@ -187,6 +185,9 @@ class RolloutEngine:
         if self._penalty is not None:
             return told
         raise type(failure)(f"{told}. {REMEDY}") from failure.__cause__
+
+    def _priced_here(self, failure: ZoacError, env_index: int) -> str:
+        return self._priced(failure, f"{failure}. {self._place(env_index)}")
 
     def _stand(self, env_index: int, index: int, proposal: Proposal, row: int) -> _Running:
         """Bring an environment to where `proposal` starts."""
@@ -219,9 +220,7 @@ class RolloutEngine:
         self._steps[env_index] = 0
         observations, infos = self._env.reset(seed=seeds, options={"reset_mask": mask})
         if (failure := infos.get("failures", {}).get(env_index)) is not None:
-            self._not_begun[env_index] = self._priced(
-                failure, f"{failure}. {self._place(env_index)}"
-            )
+            self._not_begun[env_index] = self._priced_here(failure, env_index)
             self._begin_anew(env_index)
         self._observations = self._observations.copy()
         self._observations[env_index] = observations[env_index]
