@@ -166,18 +166,19 @@ def test_pairs_begin_where_halving_ended():
     np.testing.assert_allclose((plus + minus) / 2, best)
 
 
-def test_the_start_averages_and_the_baseline_meet_in_the_final_selection():
+@pytest.mark.parametrize("there", [True, False])
+def test_the_start_averages_and_the_baseline_meet_in_the_final_selection(there):
     baseline = np.array([-1.0, 0.3])
-    tuner = make_plus(halving_fraction=0.2, selection_candidates=3, baseline=baseline)
+    tuner = make_plus(halving_fraction=0.2, baseline=baseline, selection_baseline=there)
     batches = run(tuner, 10_000)
     first = next(k for k in range(len(batches) - 1, 0, -1) if kind(batches[k]) == "pairs") + 1
     pairs = next(batch for batch in batches if kind(batch) == "pairs")
     start = (pairs[0].proposal.x + pairs[1].proposal.x) / 2
     candidates = np.unique([s.proposal.x for s in batches[first]], axis=0)
-    assert len(candidates) == 5
-    for expected in (start, baseline):
-        assert np.isclose(candidates, expected).all(axis=1).any()
-    assert "of 4 recommendations and the baseline values" in tuner.describe()["recommendation"]
+    assert len(candidates) == 4 + there
+    assert np.isclose(candidates, start).all(axis=1).any()
+    assert np.isclose(candidates, baseline).all(axis=1).any() == there
+    assert ("and the baseline values" in tuner.describe()["recommendation"]) == there
     assert "successive halving, 20%" in tuner.describe()["start"]
 
 

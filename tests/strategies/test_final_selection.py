@@ -107,16 +107,23 @@ def test_all_candidates_of_a_round_meet_the_same_episodes_and_half_of_them_stay(
 
 
 def test_a_small_budget_has_fewer_candidates_and_keeps_the_last_one():
-    tuner = make(budget=5 * 28)  # a fifth of it is two candidates' two episodes
+    tuner = make(budget=5 * 14)  # a fifth of it is an episode of two candidates
     batches = drive(tuner)
     chosen_from = {s.proposal.x[0] for b in batches for s in b if s.proposal.seed is not None}
     assert len(chosen_from) <= 2
     assert PATH[-1] in chosen_from
 
 
+@pytest.mark.parametrize(("episodes", "rounds"), [(7, [7]), (14, [7, 4]), (21, [7, 4, 2])])
+def test_there_are_as_many_rounds_as_the_reserved_steps_pay_for(episodes, rounds):
+    batches = drive(make(budget=5 * 7 * episodes + 7))
+    among = [len({s.proposal.x[0] for s in b}) for b in batches if b[0].proposal.seed is not None]
+    assert sorted(set(among), reverse=True) == rounds
+
+
 def test_a_budget_for_no_choice_is_refused_with_what_is_needed():
-    with pytest.raises(ConfigError, match="may take 28 steps.* is 27; give a budget of 140"):
-        make(budget=135)
+    with pytest.raises(ConfigError, match="may take 14 steps.* is 13; give a budget of 70"):
+        make(budget=65)
 
 
 @pytest.mark.parametrize("batches", [0, 3, 226, 230, 235])

@@ -141,6 +141,7 @@ class ZoacPlus(TunerStrategy):
         halving_survivors: UnitInterval | None = None,
         selection_fraction: UnitInterval = 0.1,
         selection_candidates: Count = 3,
+        selection_baseline: bool = True,
         max_termination_rate: TerminationRate | None = None,
     ) -> None:
         """
@@ -166,6 +167,7 @@ class ZoacPlus(TunerStrategy):
             selection_fraction: Of the budget, for held-out episodes on which the recommendation is
                 chosen; 0 recommends as `recommend` says.
             selection_candidates: Recommendations among the candidates, taken at equal distances.
+            selection_baseline: The baseline, if there is one, is among them too.
             max_termination_rate: Fraction of an iteration's segments that may terminate. Above it
                 perturbation and step shrink, below it they grow back. None: any. For safe
                 exploration from known gains, with halving_fraction=0: halving tries the whole box.
@@ -192,7 +194,13 @@ class ZoacPlus(TunerStrategy):
             if not selection_fraction:
                 return zoac(left)
             fraction = min(1.0, selection_fraction * problem.budget / max(1, left.budget))
-            return FinalSelection(left, zoac, fraction=fraction, candidates=selection_candidates)
+            return FinalSelection(
+                left,
+                zoac,
+                fraction=fraction,
+                candidates=selection_candidates,
+                baseline=selection_baseline,
+            )
 
         def with_halving(whole: Problem) -> Tuner:
             if not halving_fraction:

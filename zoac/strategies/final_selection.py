@@ -18,8 +18,8 @@ from zoac.strategies.held_out import HeldOut
 FRACTION = 0.2
 """Of the budget, where a run's evaluated recommendations are the candidates."""
 
-MIN_EPISODES = 2
-"""Of every candidate, at least."""
+MIN_EPISODES = 1
+"""Of every candidate, at least; they are common to all."""
 
 
 class FinalSelection(ReservedSteps):
@@ -39,6 +39,7 @@ class FinalSelection(ReservedSteps):
         fraction: UnitInterval = 0.1,
         candidates: Count = 3,
         every: Count | None = None,
+        baseline: bool = True,
     ) -> None:
         """
         Args:
@@ -47,12 +48,15 @@ class FinalSelection(ReservedSteps):
             fraction: Of the budget, for held-out episodes; more, if two candidates need more.
             candidates: Recommendations after the first one, taken at equal distances.
             every: Environment steps from one candidate to the next, instead.
+            baseline: The baseline, if there is one, is a candidate too. False for comparisons of
+                methods, of which others are not given it.
         """
         least = steps_to_choose(problem, 2) / max(1, problem.budget)
         chosen = 0.0 if least > 0.5 else max(fraction, least)
         super().__init__(problem, begin, chosen)
         self._count = None if every is not None else candidates + 1
         self._every = every or max(1, -(-self._search_steps // candidates))
+        self._with_baseline = baseline and problem.baseline is not None
         self._next = 0
         self._noted: list[tuple[int, np.ndarray]] = []  # steps so far, recommendation
         self._episodes = HeldOut(problem, "select")
@@ -72,17 +76,23 @@ class FinalSelection(ReservedSteps):
 
     def _prepare(self) -> None:
         self._note()
-        count, baselines = len(self._noted), int(self._problem.baseline is not None)
+        count, baselines = len(self._noted), int(self._with_baseline)
         while count + baselines > 2 and self._steps_of(count + baselines) > self._left:
             count -= 1
         for k in np.linspace(len(self._noted) - 1, 0, count).round().astype(int):
             self._episodes.enter(self._noted[k][1])
-        self._episodes.enter_baseline()
+        if self._with_baseline:
+            self._episodes.enter_baseline()
         if self._fraction:
-            self._begin_round(_rounds(len(self._episodes.candidates)))
+            self._begin_round(self._affordable_rounds())
 
     def _steps_of(self, count: int) -> int:
         return steps_to_choose(self._problem, count)
+
+    def _affordable_rounds(self) -> int:
+        """Return how often the candidates can be halved, each time after new episodes."""
+        count = len(self._episodes.candidates)
+        return min(math.ceil(math.log2(count)), self._left // self._steps_of(count))
 
     def _begin_round(self, rounds: int) -> None:
         self._rounds = rounds
@@ -140,7 +150,7 @@ class FinalSelection(ReservedSteps):
         if not self._fraction:
             return super().describe()
         among = "evaluated" if self._count is None else self._count
-        baseline = "" if self._problem.baseline is None else " and the baseline values"
+        baseline = " and the baseline values" if self._with_baseline else ""
         told = (
             f"best of {among} recommendations{baseline} on common held-out episodes, "
             f"{self._problem.budget - self._search_steps:,} steps"
@@ -171,9 +181,4 @@ def best_evaluated(problem: Problem, begin: Begin, *, every: int) -> FinalSelect
 
 def steps_to_choose(problem: Problem, count: int) -> int:
     """Return the steps that a choice among `count` candidates takes at least."""
-    return _rounds(count) * count * MIN_EPISODES * problem.max_episode_steps
-
-
-def _rounds(count: int) -> int:
-    """Return how often `count` candidates can be halved."""
-    return math.ceil(math.log2(count))
+    return count * MIN_EPISODES * problem.max_episode_steps
