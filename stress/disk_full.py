@@ -75,10 +75,10 @@ class FillingLog(RunLog):
             if self._left == -1:
                 fill(self._disk, leave)
 
-    def row(self, *arguments: Any) -> None:
+    def row(self, *arguments: Any) -> dict[str, Any]:
         """See `RunLog.row`; there is room for no more than the rest of a page."""
         self._arrive("row", 0)
-        super().row(*arguments)
+        return super().row(*arguments)
 
     def save_checkpoint(self, state: Any) -> None:
         """See `RunLog.save_checkpoint`; there is room for a part of it."""

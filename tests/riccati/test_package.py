@@ -50,7 +50,9 @@ def test_an_edit_to_any_of_its_files_compiles_anew() -> None:
 
 
 def test_its_status_numbers_are_those_of_every_solver() -> None:
-    assert {s.name: s.value for s in riccati.Status} == {s.name: s.value for s in problem.Status}
+    """Its own constraints can always be kept, so that it never says that no plan exists."""
+    of_all = {s.name: s.value for s in problem.Status if s.name != "INFEASIBLE"}
+    assert {s.name: s.value for s in riccati.Status} == of_all
 
 
 def test_plain_arrays_give_the_plans_of_an_independent_solver() -> None:

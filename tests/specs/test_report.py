@@ -26,13 +26,17 @@ def page_of(runs):
 
 def test_each_spec_has_a_row_with_values_before_and_after_and_its_colour(runs):
     (run,) = runs.finished
-    rows = re.findall(r"<tr( class=\"\w+\")?><td>(\w+)\(([^<]*)\)</td>(.*?)</tr>", page_of(runs))
-    told = {name: (css, cells) for css, name, _, cells in rows}
+    rows = re.findall(
+        r'<tr(?: class="(\w+)")?><td data-label="Requirement">(.*?)</tr>', page_of(runs)
+    )
+    told = {cells.partition("(")[0]: (css, cells) for css, cells in rows}
     before, after = (f"{run.outcome['specs'][0][key]:.4g}" for key in ("baseline", "value"))
-    assert told["steady_state_error"][0] == ' class="met"'
-    assert f"<td>&lt;= 0.2</td><td>{before}</td><td>{after}</td>" in told["steady_state_error"][1]
-    assert told["settling_time"][0] == ' class="unmet"'
-    assert "<td>inf</td><td>inf</td><td>not met</td>" in told["settling_time"][1]
+    css, cells = told["steady_state_error"]
+    assert css == "met"
+    assert re.search(f">≤ 0.2<.*✗</span> {before}<.*✓</span> {after}<", cells)
+    css, cells = told["settling_time"]
+    assert css == "unmet"
+    assert cells.count('<span class="unmet">✗</span> never') == 2
     assert told["peak"][0] == ""
 
 

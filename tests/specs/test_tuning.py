@@ -413,5 +413,5 @@ def test_the_message_names_the_tuners_of_whole_episodes_and_no_other():
         if locate(target, "tuner").whole_episodes:
             able.add(name)
     assert named <= able
-    assert able - named == {"cmaes", "nominal"}
+    assert able - named == {"cmaes", "halving", "nominal"}
     assert {"zoac", "zoac_plus"}.isdisjoint(able)
