@@ -5,7 +5,8 @@ For every pair of tuner and task, and for each executor, one run is undisturbed 
 after at least one new checkpoint. The final result and all evaluation rows must be equal to the
 last bit, clocks excepted. Runs are forked from this process, which has imported everything, and
 worker processes from their run; otherwise imports would take nearly all the time (`--own-workers`
-starts workers in the usual way). POSIX only.
+starts workers in the usual way). POSIX only. Experiments of an external program are a study, which
+`stress.study_kills` kills.
 """
 
 from __future__ import annotations
@@ -42,6 +43,9 @@ COMMON = [
     "checkpoint_seconds=0", "num_envs=2", "task.max_episode_steps=40", "mpc_solver=riccati",
     "variant=kills",
 ]  # fmt: skip
+LEFT_OUT = {"task": ("program",), "tuner": ("nominal",)}
+"""A study, and a tuner that asks for nothing."""
+
 # Short iterations: a kill is worth more where there is a checkpoint between any two.
 SHORT = {
     "zoac": ["tuner.exploration.segment_length=10", "tuner.exploration.segments=4"],
@@ -202,13 +206,12 @@ def one_pair(
 def main() -> None:
     """Run all pairs."""
     parser = argparse.ArgumentParser(description=__doc__)
-    choices = {group: sorted(p.stem for p in (CONF / group).glob("*.yaml"))
-               for group in ("task", "tuner")}  # fmt: skip
+    choices = {group: sorted(p.stem for p in (CONF / group).glob("*.yaml") if p.stem not in left_out)
+               for group, left_out in LEFT_OUT.items()}  # fmt: skip
     parser.add_argument("--kills", type=int, default=30, help="kills of each pair")
     parser.add_argument("--tasks", nargs="*",
                         default=[t for t in choices["task"] if t != "program"])  # fmt: skip
-    parser.add_argument("--tuners", nargs="*",
-                        default=[t for t in choices["tuner"] if t != "nominal"])  # fmt: skip
+    parser.add_argument("--tuners", nargs="*", default=choices["tuner"])
     parser.add_argument("--executors", nargs="*", default=list(EXECUTORS))
     parser.add_argument("--own-workers", action="store_true", help="start workers as ever")
     parser.add_argument("--keep", type=Path, help="where the folders of a difference go")
