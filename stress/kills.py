@@ -43,7 +43,7 @@ COMMON = [
     "checkpoint_seconds=0", "num_envs=2", "task.max_episode_steps=40", "mpc_solver=riccati",
     "variant=kills",
 ]  # fmt: skip
-LEFT_OUT = {"task": ("program",), "tuner": ("nominal",)}
+LEFT_OUT = {"task": {"program"}, "tuner": {"nominal"}}
 """A study, and a tuner that asks for nothing."""
 
 # Short iterations: a kill is worth more where there is a checkpoint between any two.
@@ -206,8 +206,10 @@ def one_pair(
 def main() -> None:
     """Run all pairs."""
     parser = argparse.ArgumentParser(description=__doc__)
-    choices = {group: sorted(p.stem for p in (CONF / group).glob("*.yaml") if p.stem not in left_out)
-               for group, left_out in LEFT_OUT.items()}  # fmt: skip
+    choices = {
+        group: sorted({path.stem for path in (CONF / group).glob("*.yaml")} - left_out)
+        for group, left_out in LEFT_OUT.items()
+    }
     parser.add_argument("--kills", type=int, default=30, help="kills of each pair")
     parser.add_argument("--tasks", nargs="*",
                         default=[t for t in choices["task"] if t != "program"])  # fmt: skip
