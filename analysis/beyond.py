@@ -52,9 +52,7 @@ def _command(options: argparse.Namespace) -> None:
         frame = table(runs, base, options.seeds)
         texts.append(markdown(task, frame, options.reference, base.cost_mean))
         frames.append(frame.assign(task=task))
-    text = "\n".join(texts)
-    print(text)
-    cli.write(options.out / "beyond.md", text)
+    cli.write_markdown(options.out / "beyond.md", "\n".join(texts))
     columns = ["task", *frames[0].columns.drop("task")]
     records = pd.concat(frames).to_csv(columns=columns, index=False, lineterminator="\n")
     cli.write(options.out / "beyond.csv", records)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +16,8 @@ from zoac.cli.pipes import reader_may_leave
 from zoac.core.errors import ConfigError, ZoacError, suggest
 
 FORMATS = ("svg", "pdf", "png")
+WIDTH = 100
+"""Columns of prose in Markdown."""
 
 
 def folder(text: str) -> Path:
@@ -163,6 +166,27 @@ def write(path: Path, content: str | bytes) -> None:
     """
     with writing(path):
         path.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def write_markdown(path: Path, text: str) -> None:
+    """Print and write Markdown; prose and bullets are wrapped, rows of tables are not.
+
+    Raises:
+        ConfigError: If it cannot be written.
+    """
+    text = "\n".join(map(_wrapped, text.split("\n")))
+    print(text)
+    write(path, text)
+
+
+def _wrapped(line: str) -> str:
+    if line.startswith(("|", "#")):
+        return line
+    # A line that began with a minus sign would be a bullet.
+    bound, indent = line.replace(" - ", "\0-\0"), "  " if line.startswith("- ") else ""
+    return textwrap.fill(
+        bound, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    ).replace("\0", " ")
 
 
 @contextmanager

@@ -69,9 +69,7 @@ def _command(options: argparse.Namespace) -> None:
     print(f"{run.folder}: {run.method}, seed {run.seed}", file=sys.stderr)
     varied = vary(run, ranges, options.plants, options.episodes) if ranges else None
     around = sensitivity(run, options.episodes)
-    text = markdown(run, varied, around)
-    print(text)
-    cli.write(options.out / "robustness.md", text)
+    cli.write_markdown(options.out / "robustness.md", markdown(run, varied, around))
     cli.write(options.out / "robustness.csv", table(varied, around))
     cli.write(options.out / FILE, as_json(run, varied, around))
     style.save(lambda: draw(varied, around), options, "robustness")

@@ -99,9 +99,7 @@ def _command(options: argparse.Namespace) -> None:
         seeds=options.seeds,
         random_seed=options.bootstrap_seed,
     )
-    text = markdown(comparison)
-    print(text)
-    cli.write(options.out / "table2.md", text)
+    cli.write_markdown(options.out / "table2.md", markdown(comparison))
     cli.write(options.out / "table2.tex", latex(comparison))
     cli.write(options.out / "table2.csv", csv(comparison))
 

@@ -93,3 +93,21 @@ def test_a_film_that_cannot_be_written_is_one_message(tmp_path, capsys, monkeypa
     path.mkdir()
     assert trajectories.main([str(write_run(tmp_path / "runs")), "--animate", str(path)]) == 1
     assert capsys.readouterr().err == f"error: cannot write {path}: Is a directory\n"
+
+
+def test_prose_and_bullets_of_markdown_are_wrapped_and_rows_are_not(tmp_path, capsys):
+    row, prose = f"| {'cell ' * 40}|", f"{'word ' * 40}end"
+    # At the right edge stands a minus sign, with which no line may begin: it would be a bullet.
+    claim = f"- ZOAC {'x' * 83} (w/ reg) - CMA-ES = {'word ' * 20}end"
+    cli.write_markdown(tmp_path / "a.md", f"{prose}\n\n{row}\n\n{claim}\n")
+    text = (tmp_path / "a.md").read_text()
+    assert capsys.readouterr().out.startswith(text)
+    wrapped, kept, bullet = text.removesuffix("\n").split("\n\n")
+    assert kept == row
+    for part, indent in ((wrapped, ""), (bullet, "  ")):
+        first, *others = part.split("\n")
+        assert 90 < len(first) <= 100
+        assert others
+        assert all(len(line) <= 100 and line.startswith(indent) for line in others)
+        assert not any(line.lstrip().startswith("-") for line in others)
+    assert [" ".join(part.split()) for part in (wrapped, bullet)] == [prose, claim]
