@@ -54,6 +54,16 @@ SHORT = {
 }
 
 
+def choices(group: str) -> list[str]:
+    """Return the tasks or tuners that are killed, by the names of their files."""
+    return sorted({path.stem for path in (CONF / group).glob("*.yaml")} - LEFT_OUT[group])
+
+
+def overrides(task: str, tuner: str) -> list[str]:
+    """Return what makes a short run of a pair, whatever its executor."""
+    return [f"task={task}", f"tuner={tuner}", *COMMON, *SHORT.get(tuner, [])]
+
+
 def without_clocks(content: Any) -> str:
     """Return content as text, without what depends on the clock."""
     return json.dumps({k: v for k, v in content.items() if k not in CLOCKS}, sort_keys=True)
@@ -181,10 +191,7 @@ def one_pair(
     task: str, tuner: str, executor: str, kills: int, rng: random.Random, keep: Path | None
 ) -> Tally:
     """Return how often the run of this pair was killed; exits if the outcome differs."""
-    arguments = [
-        f"task={task}", f"tuner={tuner}", f"executor={executor}", *EXECUTORS[executor],
-        *COMMON, *SHORT.get(tuner, []),
-    ]  # fmt: skip
+    arguments = [*overrides(task, tuner), f"executor={executor}", *EXECUTORS[executor]]
     inside = Path(task, tuner, "seed=0", "variant=kills")
     with tempfile.TemporaryDirectory() as temporary:
         whole, parts = Path(temporary, "whole"), Path(temporary, "parts")
@@ -206,14 +213,9 @@ def one_pair(
 def main() -> None:
     """Run all pairs."""
     parser = argparse.ArgumentParser(description=__doc__)
-    choices = {
-        group: sorted({path.stem for path in (CONF / group).glob("*.yaml")} - left_out)
-        for group, left_out in LEFT_OUT.items()
-    }
     parser.add_argument("--kills", type=int, default=30, help="kills of each pair")
-    parser.add_argument("--tasks", nargs="*",
-                        default=[t for t in choices["task"] if t != "program"])  # fmt: skip
-    parser.add_argument("--tuners", nargs="*", default=choices["tuner"])
+    parser.add_argument("--tasks", nargs="*", default=choices("task"))
+    parser.add_argument("--tuners", nargs="*", default=choices("tuner"))
     parser.add_argument("--executors", nargs="*", default=list(EXECUTORS))
     parser.add_argument("--own-workers", action="store_true", help="start workers as ever")
     parser.add_argument("--keep", type=Path, help="where the folders of a difference go")

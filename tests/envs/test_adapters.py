@@ -323,3 +323,13 @@ def test_an_episode_that_nothing_ends_is_an_error_and_one_that_ends_by_itself_is
     faq = Path(__file__).parents[2] / "docs" / "faq.md"
     assert "the environment needs a time limit" in str(e.value)
     assert "the environment needs a time limit" in faq.read_text()
+
+
+def test_steps_of_other_environments_do_not_count():
+    envs = GymnasiumVecEnv([Drift(), Drift()], 3)
+    envs.reset(seed=[0, 1])
+    actions, alone = np.zeros((2, 1)), np.array([True, False])
+    assert [envs.step(actions, alone)[3].tolist() for _ in range(3)][-1] == [True, False]
+    assert [envs.step(actions, ~alone)[3].tolist() for _ in range(3)] == [
+        [False, False], [False, False], [False, True],
+    ]  # fmt: skip

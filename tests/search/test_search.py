@@ -272,3 +272,7 @@ def test_a_killed_process_loses_nothing_and_two_share_a_study(tmp_path):
     assert len(outcome(parts)) == 2
     assert outcome(parts)[0] == outcome(whole)[0]
     assert len(list(parts.rglob("result.json"))) == 2 * 2  # a trial's seeds, no run twice
+    # The trial that was killed went on in its own folders, from its checkpoint.
+    assert sorted(parts.rglob("variant=trial-*")) == sorted(
+        path.parent for path in parts.rglob("result.json")
+    )

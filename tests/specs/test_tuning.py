@@ -97,6 +97,7 @@ def test_the_answer_keeps_the_specs_and_the_table_says_so(result):
     assert result.specs["met"].tolist() == [True, None]
     value, baseline = result.specs.loc[0, ["value", "baseline"]]
     assert value <= 0.2 < 0.4 < baseline
+    assert result.record["held_specs"]["episodes"] > 0  # held-out ones chose the answer
     # The objective is the cost, of the answer and of the baseline values.
     assert result.specs.loc[1, "value"] == pytest.approx(result.cost_mean)
     assert result.specs.loc[1, "baseline"] == pytest.approx(result.baseline_cost_mean)

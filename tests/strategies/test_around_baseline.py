@@ -36,6 +36,12 @@ def test_the_smaller_it_is_the_nearer_the_search_stays(tuner):
     assert farthest(0.03) < farthest(0.3)
 
 
+def test_a_tuner_of_ones_own_need_not_have_a_step_size():
+    assert around_baseline({"start": "random", "sigma": 0.5}, 0.1) == {
+        "start": "baseline", "sigma": 0.1,
+    }  # fmt: skip
+
+
 def test_a_tuner_that_knows_no_start_is_refused():
     with pytest.raises(ConfigError, match="initial_sigma=0.1: this tuner has no start"):
         tune(tuner="random", initial_sigma=0.1)

@@ -17,7 +17,7 @@ from zoac.rollout.evaluation import evaluation_proposals
 from zoac.runs.log import RunLog
 from zoac.runs.schema import read_metrics
 from zoac.strategies import acceptance_test
-from zoac.strategies.final_selection import best_evaluated
+from zoac.strategies.final_selection import FinalSelection, best_evaluated
 from zoac.training.trainer import Interrupted, Trainer
 
 
@@ -119,6 +119,14 @@ def test_there_are_as_many_rounds_as_the_reserved_steps_pay_for(episodes, rounds
     batches = drive(make(budget=5 * 7 * episodes + 7))
     among = [len({s.proposal.x[0] for s in b}) for b in batches if b[0].proposal.seed is not None]
     assert sorted(set(among), reverse=True) == rounds
+
+
+def test_a_small_fraction_is_raised_to_an_episode_of_two_candidates():
+    problem = Problem(CountingTask.space, 3, 4, 100, 7, 0)
+    batches = drive(FinalSelection(problem, lambda _: Wanderer(PATH), fraction=0.01))
+    held_out = [s for batch in batches for s in batch if s.proposal.seed is not None]
+    assert len({s.proposal.x[0] for s in held_out}) == 2
+    assert sum(s.length for batch in batches for s in batch) <= 100
 
 
 def test_a_budget_for_no_choice_is_refused_with_what_is_needed():
