@@ -51,3 +51,18 @@ def test_a_baseline_that_alone_keeps_the_specs_is_the_answer():
     assert np.array_equal(x, again)
     assert x[0] <= 0.3
     assert tuner.outcome()["held_specs"]["episodes"] >= 1
+
+
+def test_a_candidate_that_breaks_a_spec_drops_out_and_the_others_get_its_episodes():
+    tuner, x = answer(400, noise=0.1)
+    held = tuner._episodes
+    assert (held.violations == 0).all()
+    assert len(held.candidates) < 6
+    assert len(held.costs) > 400 // 4 // 6  # all six would have had so many
+    assert any(np.array_equal(x, candidate) for candidate in held.candidates)
+
+
+def test_where_every_candidate_breaks_a_spec_none_drops_out():
+    tuner, _ = answer(400, noise=100.0)
+    assert len(tuner._episodes.candidates) >= 1
+    assert tuner.outcome()["held_specs"]["episodes"] >= 1

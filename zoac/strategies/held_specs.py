@@ -36,8 +36,8 @@ class HeldSpecs(ReservedSteps):
     then do not. Points near each other met different episodes. So a candidate is the middle of a
     point and its nearest neighbours, all of which kept the specs; there is one for each of several
     numbers of neighbours. They, the tuner's recommendation and the baseline meet the same held-out
-    episodes. The fewest violations win; of equals the safest that costs little more than the
-    cheapest.
+    episodes. A candidate that breaks a spec drops out as long as another has kept all of them. The
+    fewest violations win; of equals the safest that costs little more than the cheapest.
     """
 
     def __init__(self, problem: Problem, begin: Begin) -> None:
@@ -86,7 +86,10 @@ class HeldSpecs(ReservedSteps):
 
     def _tell_after(self, segments: Sequence[Segment]) -> dict[str, float]:
         self._episodes.tell(segments)
-        return {"held_specs_broken": float((self._episodes.violations.mean(axis=0) > 0).sum())}
+        broken = int((self._episodes.violations.mean(axis=0) > 0).sum())
+        if broken < len(self._episodes.candidates):
+            self._episodes.keep(len(self._episodes.candidates) - broken)
+        return {"held_specs_broken": float(broken)}
 
     def recommend(self) -> np.ndarray:
         """Return the tuner's recommendation while it searches; then the candidate that leads."""
