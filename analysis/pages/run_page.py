@@ -159,9 +159,8 @@ def _learning_curves(run: Run, compared: Before | None) -> list[str]:
             axes.set_yscale("log")
         style.big_axis(axes, "Experiments" if study else METRICS["env_steps"])
         axes.set_ylabel("Cost" if metric == "cost_mean" else METRICS[metric])
-        handles, names = axes.get_legend_handles_labels()
-        style.legend_above(figure, dict(zip(names, handles, strict=True)), columns=4)
-        pictures.append(html.picture(figure, f"{run.folder} {metric}", METRICS[metric], caption))
+        name = f"{run.folder} {metric}"
+        pictures.append(html.picture(figure, name, METRICS[metric], caption, columns=4))
     return pictures
 
 
