@@ -85,9 +85,8 @@ def _verdict(run: Run, compared: Before | None) -> str:
     if compared is None:
         return f"{text}."
     shared = len(compared.costs)
-    text += f"; the {compared.what} cost <b>{significant(float(compared.costs.mean()))}</b>"
-    if compared.what != "baseline values":
-        text = text.replace(f"the {compared.what} cost ", f"the {compared.what} costs ")
+    verb = "cost" if compared.what == "baseline values" else "costs"
+    text += f"; the {compared.what} {verb} <b>{significant(float(compared.costs.mean()))}</b>"
     if shared < len(costs):
         now = significant(float(costs[:shared].mean()))
         text += f" in the first {shared}, where the answer costs {now}"
