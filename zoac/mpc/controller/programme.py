@@ -171,8 +171,7 @@ class Programme:
             self.rates,
             [j for j, name in enumerate(self._inputs) if name in copies],
             stage=self._weight.full,
-            end=isinstance(self._terminal, RiccatiWeights)
-            or (self._terminal is not None and self._terminal.full),
+            end=self._terminal is not None and self._terminal.full,
         )
 
     def objective(
