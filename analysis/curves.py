@@ -141,8 +141,7 @@ def draw(panels: Sequence[Panel], against: str) -> Figure:
         draw_panel(axes, panel, looks, labels, against)
         title = TASKS.get(panel.task, panel.task)
         axes.set_title(f"({chr(ord('a') + letter)}) {title}" if len(panels) > 1 else title)
-        handles, names = axes.get_legend_handles_labels()
-        shown |= dict(zip(names, handles, strict=True))
+        shown |= style.entries(axes)
     for axes in grid.flat[len(panels) :]:
         axes.remove()
     style.legend_above(figure, {labels[m]: shown[labels[m]] for m in methods})

@@ -104,6 +104,14 @@ def summary(varied: Variation) -> list[list[str]]:
     return lines
 
 
+def changes(around: Sequence[Sensitivity]) -> list[list[str]]:
+    """Return header and rows of the changes of the cost, the largest first."""
+    lines = [["Parameter", "A little less", "A little more", "Standard error"]]
+    for s in sorted(around, key=lambda s: -max(abs(s.below), abs(s.above))):
+        lines.append([s.name, signed(s.below), signed(s.above), significant(s.error)])
+    return lines
+
+
 def markdown(run: Run, varied: Variation | None, around: Sequence[Sensitivity]) -> str:
     """Return both tables as Markdown."""
     parts = [f"# Robustness of {run.method}, seed {run.seed}"]
@@ -116,13 +124,8 @@ def markdown(run: Run, varied: Variation | None, around: Sequence[Sensitivity]) 
             f"Cost over {plants - 1} plants of {episodes} episodes each: {ranges}.",
             pipes(summary(varied)),
         ]
-    lines = [["Parameter", "A little less", "A little more", "Standard error"]]
-    lines += [
-        [s.name, signed(s.below), signed(s.above), significant(s.error)]
-        for s in sorted(around, key=lambda s: -max(abs(s.below), abs(s.above)))
-    ]
     parts += [f"Change of the mean cost with one parameter moved by {STEP / 2:.0%} of its range:"]
-    return "\n\n".join([*parts, pipes(lines)]) + "\n"
+    return "\n\n".join([*parts, pipes(changes(around))]) + "\n"
 
 
 def table(varied: Variation | None, around: Sequence[Sensitivity]) -> str:

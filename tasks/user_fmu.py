@@ -33,15 +33,14 @@ class FmuFile:
                 f"env={path!r}: an FMU needs {', '.join(missing)} too; in Python give "
                 "env=lambda: zoac.envs.FmuEnv(...)"
             )
-        model = description(Path(path).expanduser())
-        cost = options["cost"]
-        known = {v.name for v in model.modelVariables}
+        file, cost = Path(path).expanduser(), options["cost"]
+        known = {v.name for v in description(file).modelVariables}
         if isinstance(cost, str) and cost not in known and "." in cost:
             wanted = "a variable of the FMU, or a function of {name: value}"
             options["cost"] = locate_code(cost, "cost", (), (float,), wanted)
         self.path, self.options = path, options
         # Another model under the same name is another environment.
-        self.digest = hashlib.sha256(Path(path).expanduser().read_bytes()).hexdigest()
+        self.digest = hashlib.sha256(file.read_bytes()).hexdigest()
         self().close()  # says what is wrong with an option
 
     def __call__(self) -> FmuEnv:

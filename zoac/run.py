@@ -29,7 +29,6 @@ from omegaconf.errors import OmegaConfBaseException
 from zoac.cli import sweep_report
 from zoac.cli.help import usage
 from zoac.cli.pipes import leave, reader_may_leave
-from zoac.cli.sweep_report import Outcome
 from zoac.config.compose import (
     check_overrides,
     explain,
@@ -130,7 +129,7 @@ def _refuse_half_a_sweep(job: Any) -> None:
         raise ConfigError(f"experiment={name} is a sweep over {', '.join(swept)}: add -m")
 
 
-def _run(config: DictConfig, again: bool = False) -> Outcome:
+def _run(config: DictConfig, again: bool = False) -> dict[str, Any]:
     """Tune; `again`: go on with what an earlier start of the same job began."""
     job = HydraConfig.get()
     plain = resolved(config)
@@ -145,11 +144,12 @@ def _run(config: DictConfig, again: bool = False) -> Outcome:
     folder = run_folder.of(plain, **names)
     done = is_done(folder) and plain["resume"] != "overwrite"
     if is_program(plain):
-        return Outcome.of(run_experiments(plain, **names), folder, done)
+        return sweep_report.outcome(run_experiments(plain, **names), folder, done)
     from zoac.training.lifecycle import run_session
 
     names["fidelity"] = choices["fidelity"]
-    return Outcome.of(run_session(plain, command=sys.argv, **names), folder, done)
+    result = run_session(plain, command=sys.argv, **names)
+    return sweep_report.outcome(result, folder, done)
 
 
 def multirun_first(arguments: Sequence[str]) -> list[str]:

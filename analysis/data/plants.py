@@ -78,15 +78,15 @@ def vary(
     drawn = {name: _drawn(run, task, name, bounds, plants, rng) for name, bounds in ranges.items()}
     points = _points(run, task)
     print(f"rolling out {(plants + 1) * len(points) * episodes} episodes", file=sys.stderr)
-    seed = int(run.config["evaluation"]["seed"])
-    rows = [replay.costs(task, np.stack(list(points.values())), episodes, seed)]
+    seed, x = int(run.config["evaluation"]["seed"]), np.stack(list(points.values()))
+    rows = [replay.costs(task, x, episodes, seed)]
     for k in range(plants):
         other = on_plant(run, task, {name: values[k].item() for name, values in drawn.items()})
-        rows.append(replay.costs(other, np.stack(list(points.values())), episodes, seed))
+        rows.append(replay.costs(other, x, episodes, seed))
     costs = np.stack(rows, axis=1)
-    own = {name: _own_value(run, name) for name in ranges}
+    own = _numbers(run.config["task"])
     return Variation(
-        {name: np.concatenate([[own[name]], values]) for name, values in drawn.items()},
+        {name: np.concatenate([[own.get(name, np.nan)], v]) for name, v in drawn.items()},
         dict(zip(points, costs, strict=True)),
         ranges,
     )
@@ -155,13 +155,9 @@ def _numbers(node: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
     return found
 
 
-def _own_value(run: Run, name: str) -> float:
-    return _numbers(run.config["task"]).get(name, float("nan"))
-
-
 def _points(run: Run, task: Task) -> dict[str, np.ndarray]:
     """Return the normalised parameters of each controller that is compared."""
-    points = {TUNED: np.array(_normalised(run, task))}
+    points = {TUNED: _normalised(run, task)}
     if task.baseline is not None:
         points[BASELINE] = task.space.normalise(task.baseline)
     return points

@@ -231,6 +231,12 @@ def save(draw: Callable[[], Figure], options: argparse.Namespace, name: str) -> 
             cli.write(options.out / f"{name}.{kind}", image(figure, kind))
 
 
+def entries(axes: Axes) -> dict[str, Artist]:
+    """Return what a legend of `axes` shows, label -> line."""
+    handles, labels = axes.get_legend_handles_labels()
+    return dict(zip(labels, handles, strict=True))
+
+
 def legend_above(figure: Figure, entries: Mapping[str, Artist], columns: int = 6) -> None:
     """Put one legend, label -> line, for the whole figure above its panels.
 

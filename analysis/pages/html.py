@@ -164,7 +164,7 @@ def figure(height: float = 2.7) -> tuple[Figure, Axes]:
     return made, made.subplots()
 
 
-def picture(made: Figure, name: str, label: str, caption: str = "") -> str:
+def picture(made: Figure, name: str, label: str, caption: str = "", columns: int = 0) -> str:
     """Return a figure as inline SVG.
 
     Args:
@@ -172,7 +172,10 @@ def picture(made: Figure, name: str, label: str, caption: str = "") -> str:
         name: Unique name on the page, from which the ids in the SVG derive.
         label: Description for screen readers.
         caption: Text below the picture.
+        columns: At most, of a legend above the picture; 0: none is added.
     """
+    if columns:
+        style.legend_above(made, style.entries(made.axes[0]), columns)
     svg = style.image(made, "svg", salt=name).decode()
     svg = svg[svg.index("<svg") :]
     # Groups are numbered alike in every picture, and nothing refers to them.

@@ -50,9 +50,8 @@ def recorded(run: Run) -> str:
         _mark_limit_cycles(axes, table, name, bool(signals.get("sample_time")))
         axes.set_ylabel(f"{name} [{units[name]}]" if units.get(name) else name)
         axes.set_xlabel("Time [s]" if signals.get("sample_time") else "Step")
-        handles, labels = axes.get_legend_handles_labels()
-        style.legend_above(figure, dict(zip(labels, handles, strict=True)), columns=4)
-        pictures.append(html.picture(figure, f"{run.folder} signal {name}", f"{name} over time"))
+        label = f"{name} over time"
+        pictures.append(html.picture(figure, f"{run.folder} signal {name}", label, columns=4))
     note = f"{responses.title(run.outcome)}."
     if len(set(table["parameters"])) > 1:
         note += " Before: with the baseline values."

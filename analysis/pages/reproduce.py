@@ -49,8 +49,10 @@ def _way(run: Run) -> str:
         return html.paragraph(f"In Python, where this report was made. {same}", "muted") + (
             html.code(text)
         )
-    told = f"The script that made the run, where it was called. {same}"
-    return html.code(_script(run)) + html.paragraph(told, "muted") if _script(run) else ""
+    if text := _script(run):
+        told = f"The script that made the run, where it was called. {same}"
+        return html.code(text) + html.paragraph(told, "muted")
+    return ""
 
 
 def _script(run: Run) -> str:

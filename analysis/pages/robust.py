@@ -10,9 +10,7 @@ from zoac.analysis import robustness
 from zoac.analysis.data import plants
 from zoac.analysis.data.plants import STEP, Sensitivity, Variation
 from zoac.analysis.data.runs import Run
-from zoac.analysis.figures import style
 from zoac.analysis.pages import html
-from zoac.analysis.pages.formatting import signed, significant
 
 
 def robust(run: Run, folder: Path) -> str:
@@ -37,9 +35,8 @@ def _plants(run: Run, varied: Variation) -> str:
     for name in varied.plants:
         figure, axes = html.figure()
         robustness.draw_costs(axes, varied, name)
-        handles, labels = axes.get_legend_handles_labels()
-        style.legend_above(figure, dict(zip(labels, handles, strict=True)), columns=2)
-        pictures.append(html.picture(figure, f"{run.folder} plant {name}", f"Cost over {name}"))
+        label = f"Cost over {name}"
+        pictures.append(html.picture(figure, f"{run.folder} plant {name}", label, columns=2))
     lines = [[escape(cell) for cell in line] for line in robustness.summary(varied)]
     return html.part(
         "Robustness",
@@ -54,14 +51,9 @@ def _plants(run: Run, varied: Variation) -> str:
 def _sensitivity(run: Run, around: Sequence[Sensitivity]) -> str:
     figure, axes = html.figure(height=max(1.6, 0.9 + 0.2 * len(around)))
     robustness.draw_sensitivity(axes, around)
-    handles, labels = axes.get_legend_handles_labels()
-    style.legend_above(figure, dict(zip(labels, handles, strict=True)), columns=2)
-    picture = html.picture(figure, f"{run.folder} sensitivity", "Change of the mean cost")
-    lines = [["Parameter", "A little less", "A little more", "Standard error"]]
-    lines += [
-        [escape(s.name), *(signed(v) for v in (s.below, s.above)), significant(s.error)]
-        for s in sorted(around, key=lambda s: -max(abs(s.below), abs(s.above)))
-    ]
+    label = "Change of the mean cost"
+    picture = html.picture(figure, f"{run.folder} sensitivity", label, columns=2)
+    lines = [[escape(cell) for cell in line] for line in robustness.changes(around)]
     return html.part(
         "Sensitivity",
         html.paragraph(

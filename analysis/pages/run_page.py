@@ -85,9 +85,8 @@ def _verdict(run: Run, compared: Before | None) -> str:
     if compared is None:
         return f"{text}."
     shared = len(compared.costs)
-    text += f"; the {compared.what} cost <b>{significant(float(compared.costs.mean()))}</b>"
-    if compared.what != "baseline values":
-        text = text.replace(f"the {compared.what} cost ", f"the {compared.what} costs ")
+    verb = "cost" if compared.what == "baseline values" else "costs"
+    text += f"; the {compared.what} {verb} <b>{significant(float(compared.costs.mean()))}</b>"
     if shared < len(costs):
         now = significant(float(costs[:shared].mean()))
         text += f" in the first {shared}, where the answer costs {now}"
@@ -159,9 +158,8 @@ def _learning_curves(run: Run, compared: Before | None) -> list[str]:
             axes.set_yscale("log")
         style.big_axis(axes, "Experiments" if study else METRICS["env_steps"])
         axes.set_ylabel("Cost" if metric == "cost_mean" else METRICS[metric])
-        handles, names = axes.get_legend_handles_labels()
-        style.legend_above(figure, dict(zip(names, handles, strict=True)), columns=4)
-        pictures.append(html.picture(figure, f"{run.folder} {metric}", METRICS[metric], caption))
+        name = f"{run.folder} {metric}"
+        pictures.append(html.picture(figure, name, METRICS[metric], caption, columns=4))
     return pictures
 
 

@@ -78,9 +78,8 @@ def _curves(collection: Collection, task: str) -> list[str]:
         figure, axes = html.figure()
         looks, labels = style.looks(methods), method_labels(methods, panel.names)
         draw_panel(axes, panel, looks, labels, "env_steps")
-        handles, names = axes.get_legend_handles_labels()
-        style.legend_above(figure, dict(zip(names, handles, strict=True)), columns=3)
-        pictures.append(html.picture(figure, f"{task} {panel.metric}", METRICS[panel.metric]))
+        name = f"{task} {panel.metric}"
+        pictures.append(html.picture(figure, name, METRICS[panel.metric], columns=3))
     return pictures
 
 

@@ -13,7 +13,7 @@ from zoac.core.errors import ConfigError, ControllerError, suggest
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.mpc.compiled import compiled
 from zoac.mpc.problem import PENALTY, Solver, StateBounds
-from zoac.mpc.sqp import MpcOptions, Objective, SequentialQp, check_solver
+from zoac.mpc.sqp import MpcOptions, Objective, SequentialQp, check_solver, shifted
 from zoac.tasks.mpc_tracking.path import SPEED
 from zoac.tasks.mpc_tracking.vehicle import INPUTS, STATES, TRUE_PARAMETERS, BicycleModel
 
@@ -125,20 +125,13 @@ class TrackingMpc:
         state = obs[:, :6].copy()
         plan = self._search.plan(theta, state, self._objective(values, obs), self._guess(n, memory))
         actions = plan.inputs[:, 0].copy()
-        diagnostics = {
-            "prediction": self._model.predict(theta, state, actions),
-            "solver_status": plan.status,
-            "solver_failed": plan.failed,
-            "solver_retried": plan.retried,
-            "solver_seconds": np.full(n, plan.seconds / max(n, 1)),
-            "linearisations": plan.linearisations,
-        }
+        diagnostics = plan.diagnostics(self._model.predict(theta, state, actions))
         return actions, ({"plan": plan.inputs} if memory else memory), diagnostics
 
     def _guess(self, n: int, memory: Memory) -> np.ndarray:
         if not memory:
             return np.zeros((n, self._options.horizon, 2))
-        return np.concatenate([memory["plan"][:, 1:], memory["plan"][:, -1:]], axis=1)
+        return shifted(memory["plan"])
 
     def _objective(self, values: np.ndarray, obs: np.ndarray) -> Objective:
         n, horizon = len(obs), self._options.horizon

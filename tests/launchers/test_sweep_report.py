@@ -7,7 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from zoac.cli.sweep_report import Outcome, keep_given, noted, report
+from zoac.cli import sweep_report
+from zoac.cli.sweep_report import keep_given, noted, report
 from zoac.config.compose import compose_config, explain, variant_of
 from zoac.core.errors import ConfigError
 
@@ -49,7 +50,7 @@ SWEPT = ["tuner=zoac", "tuner.exploration.sigma=0.125", "critic.hidden=[16,16,16
 
 def outcome(folder, **changes):
     result = {"cost_mean": 2.0, "wall_seconds": 61.4, "variant": "v=1", "warnings": ["one"]}
-    return Outcome.of({**result, **changes}, folder, done_already=False)
+    return sweep_report.outcome({**result, **changes}, folder, done_already=False)
 
 
 def test_each_job_prints_a_line_and_the_end_a_table_within_80_columns(tmp_path, capsys):

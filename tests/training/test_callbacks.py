@@ -70,9 +70,21 @@ def test_it_changes_no_number_and_no_other_callbacks_row(tmp_path):
             row.clear()
             np.random.seed(0)  # noqa: NPY002
 
+        def on_start(self, run):
+            run["config"].clear()
+
+        def on_evaluation(self, row):
+            row["parameters"].clear()
+
+        def on_end(self, result):
+            result["parameters"].clear()
+
     alone = tune(folder=tmp_path / "alone")
     followed = tune(folder=tmp_path / "followed", callbacks=[Vandal(), told := Told()])
-    assert all(row for _, row in told.calls)
+    (_, run), *rows, (_, written) = told.calls
+    assert run["config"]
+    assert all(row and row.get("parameters", True) for _, row in rows)
+    assert written["parameters"] == followed.record["parameters"] == alone.record["parameters"]
     assert followed.parameters == alone.parameters
     for kind in ("train", "eval"):
         assert numbers(tmp_path / "followed", kind) == numbers(tmp_path / "alone", kind)

@@ -14,7 +14,6 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,40 +28,23 @@ GIVEN = "given.json"
 """File of a sweep's folder with the overrides as they were typed."""
 
 
-@dataclass
-class Outcome:
-    """What a job's line and the table at the end say of its run.
+def outcome(result: Mapping[str, Any], folder: Path, done_already: bool) -> dict[str, Any]:
+    """Return what a job's line and the table at the end say of its run.
 
     Args:
-        before: Mean cost of the baseline on the final episodes; None without a baseline.
-        after: Of the answer.
-        seconds: That the run took, earlier processes included.
+        result: The content of `result.json`.
         folder: The run folder.
-        variant: As in `run.json`.
-        warnings: How many.
         done_already: Nothing was left to do.
     """
-
-    before: float | None
-    after: float
-    seconds: float
-    folder: str
-    variant: str | None
-    warnings: int
-    done_already: bool
-
-    @classmethod
-    def of(cls, result: Mapping[str, Any], folder: Path, done_already: bool) -> Outcome:
-        """Return what `result.json` holds of it."""
-        return cls(
-            before=result.get("baseline_cost_mean"),
-            after=result["cost_mean"],
-            seconds=result["wall_seconds"],
-            folder=str(folder),
-            variant=result["variant"],
-            warnings=len(result["warnings"]),
-            done_already=done_already,
-        )
+    return {
+        "before": result.get("baseline_cost_mean"),
+        "after": result["cost_mean"],
+        "seconds": result["wall_seconds"],
+        "folder": str(folder),
+        "variant": result["variant"],
+        "warnings": len(result["warnings"]),
+        "done_already": done_already,
+    }
 
 
 class Job:
@@ -75,7 +57,8 @@ class Job:
                 its queue, or repeats it after a crash.
         """
         self.again = again
-        self.outcome: Outcome | None = None
+        self.outcome: Mapping[str, Any] = {}
+        """From the function of that name; empty until the run has ended."""
 
 
 @contextmanager
@@ -114,8 +97,8 @@ def noted(
         write_json(path, {**note, "state": STOPPED})
         raise
     else:
-        if job.outcome is not None:
-            note |= asdict(job.outcome)
+        if job.outcome:
+            note |= job.outcome
             print(sweep_table.line(note), flush=True)
         write_json(path, {**note, "state": DONE})
 

@@ -58,8 +58,9 @@ class FmuEnv(gymnasium.Env):
         """
         self._path = Path(path).expanduser()
         self._model = description(self._path)
-        self._kind = kind(self._model)
-        assert self._kind is not None  # `description` says so
+        made_by = kind(self._model)
+        assert made_by is not None  # `description` says so
+        self._kind = made_by
         for name, seconds in (("step_size", step_size), ("stop_time", stop_time)):
             if not (is_number(seconds) and math.isfinite(seconds) and seconds > 0):
                 raise ConfigError(f"{name}={seconds!r}: expected seconds, above zero")
@@ -106,7 +107,6 @@ class FmuEnv(gymnasium.Env):
     def _made(self) -> FmuInstance:
         """Return the instance, which is made if there is none."""
         if self._fmu is None:
-            assert self._kind is not None
             self._fmu = self._kind(self._path, self._model)
             self._is_new = True
         return self._fmu

@@ -59,17 +59,25 @@ class FmuInstance(ABC):
     def _loaded(self, **options: Any) -> Any:
         """Return FMPy's object for the library."""
 
-    @abstractmethod
     def get(self, references: Sequence[int]) -> list[float]:
         """Return the values of variables."""
+        return list(getattr(self._fmu, f"get{self.real}")(references))
 
-    @abstractmethod
     def set(self, references: Sequence[int], values: Sequence[float]) -> None:
         """Set variables."""
+        getattr(self._fmu, f"set{self.real}")(references, values)
 
     @abstractmethod
     def begin(self, references: Sequence[int], values: Sequence[float], stop_time: float) -> None:
         """Begin an episode of a new instance, or of one that was reset, with parameters."""
+
+    def _initialise(
+        self, references: Sequence[int], values: Sequence[float], **times: float
+    ) -> None:
+        if references:
+            self.set(references, values)
+        self._fmu.enterInitializationMode(**times)
+        self._fmu.exitInitializationMode()
 
     @abstractmethod
     def step(self, time: float, step_size: float) -> None:
@@ -117,21 +125,10 @@ class Fmu2(FmuInstance):
 
         return FMU2Slave(**options)
 
-    def get(self, references: Sequence[int]) -> list[float]:
-        """See `FmuInstance.get`."""
-        return list(self._fmu.getReal(references))
-
-    def set(self, references: Sequence[int], values: Sequence[float]) -> None:
-        """See `FmuInstance.set`."""
-        self._fmu.setReal(references, values)
-
     def begin(self, references: Sequence[int], values: Sequence[float], stop_time: float) -> None:
         """See `FmuInstance.begin`."""
         self._fmu.setupExperiment(startTime=0.0, stopTime=stop_time)
-        if references:
-            self.set(references, values)
-        self._fmu.enterInitializationMode()
-        self._fmu.exitInitializationMode()
+        self._initialise(references, values)
 
     def step(self, time: float, step_size: float) -> None:
         """See `FmuInstance.step`."""
@@ -148,20 +145,9 @@ class Fmu3(FmuInstance):
 
         return FMU3Slave(**options)
 
-    def get(self, references: Sequence[int]) -> list[float]:
-        """See `FmuInstance.get`."""
-        return list(self._fmu.getFloat64(references))
-
-    def set(self, references: Sequence[int], values: Sequence[float]) -> None:
-        """See `FmuInstance.set`."""
-        self._fmu.setFloat64(references, values)
-
     def begin(self, references: Sequence[int], values: Sequence[float], stop_time: float) -> None:
         """See `FmuInstance.begin`."""
-        if references:
-            self.set(references, values)
-        self._fmu.enterInitializationMode(startTime=0.0, stopTime=stop_time)
-        self._fmu.exitInitializationMode()
+        self._initialise(references, values, startTime=0.0, stopTime=stop_time)
 
     def step(self, time: float, step_size: float) -> None:
         """See `FmuInstance.step`.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable, Mapping, Sequence
+from copy import deepcopy
 from typing import Any
 
 from zoac.core.errors import CallbackError, ConfigError
@@ -81,7 +82,7 @@ class Callbacks:
             name = type(callback).__name__
             try:
                 # A copy: what a callback changes in it is nobody else's.
-                told = getattr(callback, method)(dict(content))
+                told = getattr(callback, method)(deepcopy(dict(content)))
             except Exception as error:
                 raise CallbackError(
                     f"the callback {name} raised in {method}: {type(error).__name__}: {error}"

@@ -64,15 +64,10 @@ class Layout:
             a, b = sparsity.a.tobytes(), sparsity.b.tobytes()
         bounds = np.isfinite((problem.input_low, problem.input_high)).tobytes()
         layout = _layout(horizon, nx, nu, a, b, bounds)
-        if problem.bounds is None:
+        if (given := problem.bounds) is None:
             return layout
-        low, high, penalty = (
-            problem.bounds.low[0],
-            problem.bounds.high[0],
-            problem.bounds.penalty[0],
-        )
-        bounded = np.isfinite((low, high))
-        soft = bounded.any(axis=0) & np.isfinite(penalty)
+        bounded = np.isfinite((given.low[0], given.high[0]))
+        soft = bounded.any(axis=0) & np.isfinite(given.penalty[0])
         below, above, slack = (tuple(np.flatnonzero(m).tolist()) for m in (*bounded, soft))
         return replace(layout, state_low=below, state_high=above, soft=slack)
 

@@ -12,6 +12,7 @@ from typing import Literal, Protocol, get_args
 
 import numpy as np
 
+from zoac.core.controller import Diagnostics
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.types import Count, NonNegative
 from zoac.mpc.attempt import Attempt
@@ -149,6 +150,23 @@ class Plan:
     def failed(self) -> np.ndarray:
         """Environments (n,) bool whose solver failed, the retry included."""
         return self.status != _SOLVED
+
+    def diagnostics(self, prediction: np.ndarray) -> Diagnostics:
+        """Return what a controller reports of the step, beside the model's next state (n, nx)."""
+        n = len(self.status)
+        return {
+            "prediction": prediction,
+            "solver_status": self.status,
+            "solver_failed": self.failed,
+            "solver_retried": self.retried,
+            "solver_seconds": np.full(n, self.seconds / max(n, 1)),
+            "linearisations": self.linearisations,
+        }
+
+
+def shifted(plan: np.ndarray) -> np.ndarray:
+    """Return a plan (n, N, nu) one step later; its last input is held."""
+    return np.concatenate([plan[:, 1:], plan[:, -1:]], axis=1)
 
 
 class SequentialQp:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from zoac.core.segments import Segment
@@ -31,7 +31,7 @@ class Progress:
     failed_segments: int = 0
     failures: int = 0
     first_failure: str | None = None
-    log_bytes: int = field(default=0)
+    log_bytes: int = 0
 
     def __post_init__(self) -> None:
         self._clocks = time.perf_counter(), time.process_time()

@@ -14,7 +14,7 @@ from zoac.mpc.controller.outputs import ModelWithOutputs
 from zoac.mpc.controller.programme import Programme
 from zoac.mpc.controller.reference import Reference
 from zoac.mpc.problem import Solver
-from zoac.mpc.sqp import About, MpcOptions, SequentialQp, check_solver
+from zoac.mpc.sqp import About, MpcOptions, SequentialQp, check_solver, shifted
 
 SOLVERS = ("clarabel", "cvxpy", "riccati")
 
@@ -175,14 +175,7 @@ class Mpc:
         actions = plan.inputs[:, 0].copy()
         after = {"plan": plan.inputs, "input": actions}
         own = theta[:, : len(self.model.parameters)].copy()
-        diagnostics = {
-            "prediction": self.model.predict(own, state, actions),
-            "solver_status": plan.status,
-            "solver_failed": plan.failed,
-            "solver_retried": plan.retried,
-            "solver_seconds": np.full(n, plan.seconds / max(n, 1)),
-            "linearisations": plan.linearisations,
-        }
+        diagnostics = plan.diagnostics(self.model.predict(own, state, actions))
         return actions, {name: after[name] for name in memory}, diagnostics
 
     def _search(self, tuned: frozenset[str]) -> tuple[ModelWithOutputs, SequentialQp]:
@@ -199,8 +192,8 @@ class Mpc:
         guess = np.repeat(rest[:, None], self._options.horizon, axis=1)
         if "plan" not in memory:
             return guess
-        shifted = np.concatenate([memory["plan"][:, 1:], memory["plan"][:, -1:]], axis=1)
-        return np.where(np.isnan(shifted), guess, shifted)
+        last = shifted(memory["plan"])
+        return np.where(np.isnan(last), guess, last)
 
 
 def _mpc(model: Any, given: dict[str, Any]) -> Mpc:

@@ -171,8 +171,7 @@ class Programme:
             self.rates,
             [j for j, name in enumerate(self._inputs) if name in copies],
             stage=self._weight.full,
-            end=isinstance(self._terminal, RiccatiWeights)
-            or (self._terminal is not None and self._terminal.full),
+            end=self._terminal is not None and self._terminal.full,
         )
 
     def objective(
@@ -225,7 +224,7 @@ class Programme:
             stage = gamma[:, 1:-1, None] * diagonal[:, None, :nx]
             state_weights[:, :-1, outputs.states] = stage
 
-        last = self._terminal_weight(values, weight, reference, rest)
+        last = self._terminal_weight(values, weight, theta[0], reference[:, -1], rest)
         if outputs.end.stop > outputs.end.start:
             sizes, rows = factors(last)
             theta.append(rows.reshape(n, -1))
@@ -239,16 +238,19 @@ class Programme:
         return objective, np.concatenate(theta, axis=1)
 
     def _terminal_weight(
-        self, values: Values, weight: np.ndarray, reference: np.ndarray, rest: np.ndarray
+        self,
+        values: Values,
+        weight: np.ndarray,
+        theta: np.ndarray,
+        reference: np.ndarray,
+        rest: np.ndarray,
     ) -> np.ndarray:
-        n, _, nx = reference.shape
+        n, nx = reference.shape
         if self._terminal is None:
             return weight[:, :nx, :nx]
         if isinstance(self._terminal, Matrix):
             return self._terminal.matrices(values, n)
-        names = list(self._model.parameters)
-        theta = np.stack([values[k] for k in names], axis=1) if names else np.empty((n, 0))
-        _, a, b = self._model.linearise(theta, reference[:, -1].copy(), rest[:, None])
+        _, a, b = self._model.linearise(theta, reference.copy(), rest[:, None])
         return self._terminal(a[:, 0], b[:, 0], weight, values[self._discount])
 
     def _state_bounds(

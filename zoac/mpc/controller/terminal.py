@@ -16,6 +16,8 @@ class RiccatiWeights:
     What was computed is kept: parameters change far more rarely than states.
     """
 
+    full = True
+
     def __init__(self) -> None:
         self._kept: dict[bytes, np.ndarray] = {}
 

@@ -72,13 +72,8 @@ class ClarabelSolver:
         layout = Layout.of(problem)
         if layout not in self._prepared:
             form = _CanonicalForm(layout)
-            self._prepared[layout] = (
-                form,
-                [
-                    form.make_solver(form.neutral(), self._settings(fraction))
-                    for fraction in _STEP_FRACTIONS
-                ],
-            )
+            neutral, settings = form.neutral(), map(self._settings, _STEP_FRACTIONS)
+            self._prepared[layout] = form, [form.make_solver(neutral, given) for given in settings]
         form, prepared = self._prepared[layout]
         n, horizon, nu = problem.inputs.shape
         plans = np.empty((n, nu, horizon))
@@ -96,9 +91,8 @@ class ClarabelSolver:
                     break
             plans[env_index].flat = answer.x[form.inputs]
             if multipliers is not None:
-                form.write_multipliers(
-                    np.array(answer.z) / scales[env_index], multipliers[env_index]
-                )
+                duals = np.array(answer.z) / scales[env_index]
+                form.write_multipliers(duals, multipliers[env_index])
         inputs = np.ascontiguousarray(plans.transpose(0, 2, 1)) * scale.inputs[:, None]
         np.clip(inputs, problem.input_low, problem.input_high, out=inputs)
         if multipliers is not None:
@@ -229,7 +223,7 @@ class _CanonicalForm:
         square = (self._variables, self._variables)
         tall = (self._rows, self._variables)
         return clarabel.DefaultSolver(
-            sparse.csc_matrix((parts["P"], *self._p_pattern[:2]), shape=square),
+            sparse.csc_matrix((parts["P"], *self._p_pattern), shape=square),
             parts.get("q", np.zeros(self._variables)),
             sparse.csc_matrix((parts["A"], *self._a_pattern), shape=tall),
             parts["b"],
