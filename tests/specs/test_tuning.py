@@ -24,6 +24,7 @@ from zoac.rollout.constraints import FeasibilityFirst
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.outcomes import Outcomes
 from zoac.specs.judge import EPISODES_ONLY
+from zoac.strategies.paired_comparison import MIN_PAIRS
 from zoac.tasks.user_task import user_task
 from zoac.training.trainer import Trainer
 
@@ -139,8 +140,8 @@ def test_what_any_tuner_is_combined_with_puts_specs_before_the_cost(options):
 
 def test_an_answer_under_hard_specs_is_the_one_that_the_acceptance_test_tested():
     """It had too few pairs, so the answer is the baseline, whatever held-out episodes prefer."""
-    found = tuned(acceptance_test=0.01, budget=2000)
-    assert found.record["acceptance_test"]["pairs"] == 1
+    found = tuned(acceptance_test=0.1, budget=800)
+    assert 1 <= found.record["acceptance_test"]["pairs"] < MIN_PAIRS
     assert found.parameters["k"] == pytest.approx(1.0)
 
 

@@ -16,7 +16,7 @@ from zoac.strategies.held_out import HeldOut
 FRACTION = 0.25
 """Of the budget, for held-out episodes on which the answer is chosen."""
 
-NEIGHBOURS = (8, 16, 32, 64)
+NEIGHBOURS = (8, 12, 16, 24, 32, 48, 64)
 """A candidate for each: the more points around it kept all specs, the safer it is."""
 
 DEARER = 0.03
@@ -24,6 +24,9 @@ DEARER = 0.03
 
 SETTLED = 0.7
 """Last part of the searched points of which candidates are taken."""
+
+MIN_EPISODES = 10
+"""Of every candidate, before one drops out."""
 
 MAX_POINTS = 1000
 """Of these at most: every one is compared with every other."""
@@ -36,8 +39,9 @@ class HeldSpecs(ReservedSteps):
     then do not. Points near each other met different episodes. So a candidate is the middle of a
     point and its nearest neighbours, all of which kept the specs; there is one for each of several
     numbers of neighbours. They, the tuner's recommendation and the baseline meet the same held-out
-    episodes. A candidate that breaks a spec drops out as long as another has kept all of them. The
-    fewest violations win; of equals the safest that costs little more than the cheapest.
+    episodes. After some of them, a candidate that broke a spec drops out if another kept all; the
+    last one is the answer. Of several the fewest violations win, and of equals the safest that
+    costs little more than the cheapest.
     """
 
     def __init__(self, problem: Problem, begin: Begin) -> None:
@@ -80,15 +84,17 @@ class HeldSpecs(ReservedSteps):
         return middle
 
     def _ask_after(self) -> list[Proposal]:
-        if self._left < self._episodes.steps(1):
+        alone = self._episodes.begun and len(self._episodes.candidates) == 1
+        if alone or self._left < self._episodes.steps(1):
             return []
         return self._episodes.ask_within(self._left)
 
     def _tell_after(self, segments: Sequence[Segment]) -> dict[str, float]:
         self._episodes.tell(segments)
+        episodes, candidates = self._episodes.violations.shape
         broken = int((self._episodes.violations.mean(axis=0) > 0).sum())
-        if broken < len(self._episodes.candidates):
-            self._episodes.keep(len(self._episodes.candidates) - broken)
+        if broken < candidates and episodes >= MIN_EPISODES:
+            self._episodes.keep(candidates - broken)
         return {"held_specs_broken": float(broken)}
 
     def recommend(self) -> np.ndarray:
