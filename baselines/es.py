@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from zoac.algorithm.adam import Adam
-from zoac.baselines.episodes import EpisodeTuner
+from zoac.baselines.episode_tuner import EpisodeTuner
 from zoac.core.tuner import Problem
 from zoac.core.types import Count, Positive
 from zoac.rollout.outcomes import Outcomes

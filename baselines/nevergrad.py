@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from zoac.baselines.episodes import EpisodeTuner
+from zoac.baselines.episode_tuner import EpisodeTuner
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.seeding import global_random_kept
 from zoac.core.tuner import Problem

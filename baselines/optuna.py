@@ -13,7 +13,7 @@ from scipy.special import ndtri
 from scipy.stats import rankdata
 
 from zoac.baselines.bo import kept_observations
-from zoac.baselines.episodes import EpisodeTuner
+from zoac.baselines.episode_tuner import EpisodeTuner
 from zoac.core.errors import ConfigError
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.state import OwnObject

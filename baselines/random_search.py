@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from zoac.baselines.episodes import EpisodeTuner
+from zoac.baselines.episode_tuner import EpisodeTuner
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner
 from zoac.core.types import Count, Fraction

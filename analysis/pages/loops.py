@@ -26,7 +26,7 @@ from zoac.core.errors import RunFolderError
 from zoac.core.measures import Trace
 from zoac.runs import responses, schema
 from zoac.specs import guides
-from zoac.specs import responses as figures
+from zoac.specs import step_info as figures
 
 if TYPE_CHECKING:
     import pandas as pd

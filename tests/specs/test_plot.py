@@ -12,7 +12,7 @@ from zoac.core.errors import RunFolderError
 from zoac.core.segments import Proposal, Segment
 from zoac.rollout.engine import RolloutEngine
 from zoac.runs import responses
-from zoac.specs import responses as figures
+from zoac.specs import step_info as figures
 from zoac.specs.signals import Signal
 from zoac.specs.verdict import Deciding, deciding
 from zoac.tasks.user_task import user_task

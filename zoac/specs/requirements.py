@@ -14,7 +14,7 @@ from typing import Any
 
 from zoac.core.errors import ConfigError
 from zoac.core.types import is_number
-from zoac.specs import loops, responses
+from zoac.specs import loops, step_info
 from zoac.specs.spec import Loop, Spec
 
 
@@ -23,13 +23,13 @@ def _of(name: str, signals: tuple[str, ...], options: Mapping[str, Any], limits:
     limits = dict(limits)
     if isinstance(window := limits.get("window"), list):  # from a YAML file
         limits["window"] = tuple(window)
-    figure, beyond = getattr(responses, name), BEYOND.get(name)
+    figure, beyond = getattr(step_info, name), BEYOND.get(name)
     return Spec(name, signals, figure, options, unit=unit, timed=timed, beyond=beyond, **limits)
 
 
 BEYOND: dict[str, Callable[..., float]] = {
-    "settling_time": responses.never_settled,
-    "rise_time": responses.never_rose,
+    "settling_time": step_info.never_settled,
+    "rise_time": step_info.never_rose,
 }
 """What grades a figure that is infinite, by its name; see `Spec`."""
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zoac.core.errors import ConfigError, suggest
-from zoac.specs import requirements, responses
+from zoac.specs import requirements, step_info
 from zoac.specs.signals import Episode
 from zoac.specs.spec import Spec
 
@@ -79,7 +79,7 @@ def as_plain(spec: Spec) -> dict[str, Any]:
     Raises:
         ConfigError: If it is not one of `zoac.specs` that look at signals.
     """
-    if spec.figure is not getattr(responses, spec.name, None):
+    if spec.figure is not getattr(step_info, spec.name, None):
         raise ConfigError(f"{spec}: a trace is judged by a figure of zoac.specs over signals")
     limits = {name: getattr(spec, name) for name in LIMITS}
     given = {name: value for name, value in limits.items() if value is not None}
@@ -97,8 +97,8 @@ def from_plain(given: Mapping[str, Any]) -> Spec:
     options = dict(given)
     name, signals = options.pop("name"), options.pop("signals")
     make = getattr(requirements, str(name), None)
-    if make is None or not hasattr(responses, str(name)):
-        known = [known for known in vars(requirements) if hasattr(responses, known)]
+    if make is None or not hasattr(step_info, str(name)):
+        known = [known for known in vars(requirements) if hasattr(step_info, known)]
         raise ConfigError(f"unknown spec {name!r}; {suggest(str(name), known)}")
     try:
         spec: Spec = make(*signals, **options)

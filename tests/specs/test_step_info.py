@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from zoac.specs import responses as of
+from zoac.specs import step_info as of
 
 T = np.linspace(0.0, 10.0, 2001)
 
