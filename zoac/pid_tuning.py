@@ -147,6 +147,8 @@ def tune_pid(
     limits = (float(limits[0]), float(limits[1]))
     required = specs_of(specs)
     systems = list(plant) if isinstance(plant, list | tuple) else [plant]
+    if not systems:
+        raise ConfigError("plant=[]: expected a system of python-control, or several")
     if not hasattr(systems[0], "poles"):
         for name, value in (("dead_time", dead_time), ("noise", noise)):
             if value:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import gamma
 
 from zoac.controllers import tuning_rules
 from zoac.core.errors import ConfigError
@@ -71,3 +72,16 @@ def test_a_plant_that_is_not_for_a_rule_is_refused_with_another():
         tuning_rules.gains("simc", control.tf([1], [1, -1]), dead_time=0.1)
     with pytest.raises(ConfigError, match="did you mean 'simc'"):
         tuning_rules.gains("simk", control.tf([1], [1, 1]))
+    with pytest.raises(ConfigError, match="ends where it began.*Give gains"):
+        tuning_rules.gains("simc", control.tf([1, 0], [1, 2, 1]), dead_time=0.1)
+    with pytest.raises(ConfigError, match="ends where it began"):
+        tuning_rules.gains("simc", control.tf([1, 0], [1, 1, 0]), dead_time=0.1)
+
+
+def test_many_equal_lags_are_a_dead_time_and_a_lag():
+    """The step response of n lags of 1 s is the distribution function of a gamma variable."""
+    plant = control.tf([1], np.poly([-1.0] * 16))
+    found = tuning_rules.first_order(plant, 0.0)
+    early, late = gamma.ppf((0.283, 0.632), 16)
+    assert found.tau == pytest.approx(1.5 * (late - early), rel=0.02)
+    assert found.theta == pytest.approx(late - found.tau, rel=0.02)

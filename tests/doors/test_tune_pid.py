@@ -178,6 +178,8 @@ def test_what_cannot_be_used_is_refused(options, said):
         (control.tf([1], [1, 1], 0.1), "sampled every 0.1 s; expected a continuous system"),
         (control.tf([1, 2, 3], [1, 1]), "more zeros than poles"),
         (control.ss([[-1]], [[1, 1]], [[1]], [[0, 0]]), "2 inputs and 1 outputs"),
+        (control.tf([0.0], [1, 1]), "ends where it began.*Give gains"),
+        ([], "plant=\\[\\]: expected a system"),
     ],
 )
 def test_a_plant_that_cannot_be_simulated_is_refused(plant, said):
