@@ -128,6 +128,11 @@ def _usable(system: Any) -> None:
         raise ConfigError(
             "plant: more zeros than poles, which nothing can be; add the lag of the sensor"
         )
+    if np.abs(system.zeros()).min(initial=np.inf) < 1e-9 or system(1j) == 0:
+        raise ConfigError(
+            "plant: a lasting input has no lasting effect on its output (a zero at 0), so nothing "
+            "holds a reference; of a pole and a zero that cancel give plant.minreal()"
+        )
 
 
 def _known(structure: str) -> None:

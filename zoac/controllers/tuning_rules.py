@@ -140,7 +140,7 @@ def first_order(plant: Any, delay: float) -> FirstOrder:
     integrating one's by the line that its response ends on.
 
     Raises:
-        ConfigError: If the plant is unstable, or its step response ends where it began.
+        ConfigError: If the plant is unstable.
     """
     import control
 
@@ -161,24 +161,13 @@ def first_order(plant: Any, delay: float) -> FirstOrder:
     response = np.asarray(response).reshape(-1)
     if np.any(np.abs(poles) <= 1e-9):
         slope = float((response[-1] - response[-400]) / (time[-1] - time[-400]))
-        _refuse_none(slope * time[-1], response)
         lag = float(time[-1] - response[-1] / slope)
         return FirstOrder(math.inf, math.inf, delay + max(0.0, lag), slope)
     gain = float(np.real(plant(0j)))
-    _refuse_none(gain, response)
     done = response / gain
     early, late = (float(time[np.flatnonzero(done >= level)[0]]) for level in (0.283, 0.632))
     tau = max(1.5 * (late - early), 1e-9)
     return FirstOrder(gain, tau, delay + max(0.0, late - tau), gain / tau)
-
-
-def _refuse_none(effect: float, response: np.ndarray) -> None:
-    """Refuse a plant on which a lasting input has no lasting effect."""
-    if abs(effect) <= 0.01 * np.abs(response).max():
-        raise ConfigError(
-            "the plant's step response ends where it began: SIMC has no rule for it. Give gains as "
-            "the baseline, such as baseline={'Kp': 1.0, 'Ki': 0.5}"
-        )
 
 
 def _simc(plant: FirstOrder, structure: str) -> tuple[float, float, float]:
