@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from zoac.controllers import tuning_rules
 from zoac.controllers.pid import PID
 from zoac.core.errors import ConfigError, suggest
