@@ -228,7 +228,7 @@ def test_a_study_is_its_folder(tmp_path):
     assert study(tmp_path, seed=3).trials == made.trials
     with pytest.raises(RunFolderError, match="other settings:\n  budget: 30, now 40"):
         study(tmp_path, seed=3, experiments=40)
-    with pytest.raises(RunFolderError, match="there is no run.json"):
+    with pytest.raises(RunFolderError, match="there is no study in .*; create it"):
         Study(folder=tmp_path / "elsewhere")
     with pytest.raises(ConfigError, match="a study needs a space"):
         Study()

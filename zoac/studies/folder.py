@@ -50,6 +50,8 @@ def opened(
     seconds("trial_timeout", trial_timeout)
     if settings is not None:
         _begin(folder, settings, trial_timeout, called)
+    elif not (folder / schema.RUN).is_file():
+        raise RunFolderError(f"there is no study in {folder}; create it, or name its folder")
     record = schema.read_run(folder)
     if "study" not in record:
         raise RunFolderError(f"{folder} holds a run, not a study; choose another folder")
