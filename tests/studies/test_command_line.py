@@ -70,7 +70,7 @@ def test_exit_statuses_tell_waiting_from_the_end_and_from_errors(rig, capsys):
         (("tell", rig, "1", "--cost", "nan"), "the cost is nan"),
         (("tell", rig, "1", "--cost", "1", "--metric", "energy"), "expected name=number"),
         (("tell", rig, "1", "--cost", "2"), "has a result already"),
-        (("ask", rig + "x"), "there is no run.json"),
+        (("ask", rig + "x"), "there is no study in"),
         (("create", rig, "--space", "space.yaml"), "holds a study or run already"),
         (("create", rig + "x", "--space", "absent.yaml"), "absent.yaml: No such file"),
         (("export", rig, "gains.txt"), "known: .h, .json"),
