@@ -20,7 +20,7 @@ from zoac.tasks.given_task import make_task
 from zoac.tasks.pid_loop import Design, designed
 from zoac.tasks.user_task import user_task
 
-LANDER_STEPS, CARTPOLE_STEPS = 400, 200
+LANDER_STEPS = 400
 
 
 def loop(index: int, structure: str) -> Task:
@@ -50,12 +50,10 @@ def tank() -> Task:
     )
 
 
-def cartpole() -> Task:
-    """Return a linear policy for CartPole-v1."""
-    controller, space = linear("CartPole-v1", bound=1.0)
-    return user_task(
-        env="CartPole-v1", controller=controller, space=space, max_episode_steps=CARTPOLE_STEPS
-    )
+def policy(env: str, steps: int, bound: float = 1.0) -> Task:
+    """Return a linear policy for an environment of Gymnasium."""
+    controller, space = linear(env, bound=bound)
+    return user_task(env=env, controller=controller, space=space, max_episode_steps=steps)
 
 
 LANDER = {
@@ -98,22 +96,24 @@ PROBLEMS: dict[str, Callable[[], Task]] = {
     "loop 7, PID": partial(loop, 7, "PID"),
     "pid_acc": partial(make_task, "pid_acc"),
     "pendulum": partial(make_task, "pendulum"),
-    "CartPole, linear": cartpole,
+    "CartPole, linear": partial(policy, "CartPole-v1", 200),
     "lane_change": partial(make_task, "lane_change"),
     "LunarLander, heuristic": lander,
 }
 """By name, from few parameters to many."""
 
 
-def without_baseline(name: str) -> Task:
+HELD_OUT: dict[str, Callable[[], Task]] = {
+    "MountainCarContinuous, linear": partial(policy, "MountainCarContinuous-v0", 500, 10.0),
+    "loop 42, PID": partial(loop, 42, "PID"),
+    "Swimmer, linear": partial(policy, "Swimmer-v5", 300),
+    "Acrobot, linear": partial(policy, "Acrobot-v1", 300),
+}
+"""Problems on which the rule was not chosen."""
+
+
+def without_baseline(make: Callable[[], Task]) -> Task:
     """Return a problem of which no tuner knows any gains."""
-    task = copy(PROBLEMS[name]())
+    task = copy(make())
     task.baseline = None
     return task
-
-
-SIZES = {
-    "loop 0, P": 1, "lqr": 2, "water tank, PI": 2, "loop 1, PI": 2, "loop 7, PID": 4, "pid_acc": 4,
-    "pendulum": 4, "lane_change": 10, "CartPole, linear": 10, "LunarLander, heuristic": 12,
-}  # fmt: skip
-"""Numbers of parameters; a choice counts as one for each of its values."""

@@ -2,6 +2,7 @@
 
     OMP_NUM_THREADS=1 python -m benchmarks.auto_tuner        # launches what is missing
     python -m benchmarks.auto_tuner --only-table
+    python -m benchmarks.auto_tuner --held-out       # four problems on which it was not chosen
 
 One thread: the models of `bo` and `optuna` are small, and threads that wait for each other cost ten
 times the CPU time.
@@ -10,7 +11,7 @@ Each tuner begins without knowing any gains: the problems have no baseline. An e
 episode of full length. The table gives the median over the seeds of (cost - best) / (untuned -
 best): `best` is the lowest cost that any run found on the problem, `untuned` the median cost of
 random gains. Costs are those of the final episodes, which no tuner has seen and which are the same
-for all.
+for all. With `--held-out` the table gives their medians, and that of `tuner="auto"`.
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ from __future__ import annotations
 import argparse
 import time
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 import zoac
-from benchmarks.auto_problems import PROBLEMS, SIZES, without_baseline
+from benchmarks.auto_problems import HELD_OUT, PROBLEMS, without_baseline
 from zoac.core.segments import Proposal
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.task import Task
@@ -50,7 +51,7 @@ def run(task: Task, tuner: str, experiments: int, seed: int, folder: Path) -> No
         budget=budget,
         seed=seed,
         num_envs=NUM_ENVS,
-        common_random_numbers=tuner not in OF_PARTS,
+        common_random_numbers=None if tuner == "auto" else tuner not in OF_PARTS,
         eval_every=budget,
         episodes=1,
         final_episodes=20,
@@ -91,30 +92,34 @@ def scores(costs: Costs, untuned: Mapping[str, float]) -> dict[tuple[str, str, i
     }  # fmt: skip
 
 
-def table(found: Mapping[tuple[str, str, int], float]) -> str:
+def table(
+    found: Mapping[tuple[str, str, int], float], sizes: Mapping[str, int], tuners: Sequence[str]
+) -> str:
     """Return one Markdown table: a row per problem and number of experiments."""
     lines = [
-        f"| problem | parameters | experiments | {' | '.join(TUNERS)} |",
-        f"|---|---|---|{'---|' * len(TUNERS)}",
+        f"| problem | parameters | experiments | {' | '.join(tuners)} |",
+        f"|---|---|---|{'---|' * len(tuners)}",
     ]
-    rows = sorted({(name, count) for name, _, count in found}, key=lambda r: (SIZES[r[0]], r))
+    rows = sorted({(name, count) for name, _, count in found}, key=lambda r: (sizes[r[0]], r))
     for name, count in rows:
-        values = [found.get((name, tuner, count)) for tuner in TUNERS]
+        values = [found.get((name, tuner, count)) for tuner in tuners]
         least = min(v for v in values if v is not None)
         cells = ["" if v is None else f"**{v:.3f}**" if v == least else f"{v:.3f}" for v in values]
-        lines.append(f"| {name} | {SIZES[name]} | {count} | {' | '.join(cells)} |")
+        lines.append(f"| {name} | {sizes[name]} | {count} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def jobs(names: Iterable[str], seeds: int) -> Iterator[tuple[str, str, int, int]]:
+def jobs(
+    sizes: Mapping[str, int], seeds: int, tuners: Sequence[str], experiments: Sequence[int]
+) -> Iterator[tuple[str, str, int, int]]:
     """Yield problem, tuner, experiments and seed of all runs; all of one seed come first."""
-    for seed, count, name, tuner in product(range(seeds), EXPERIMENTS, names, TUNERS):
-        single = SIZES[name] == 1 and tuner == "cmaes_full"  # which needs two parameters
+    for seed, count, name, tuner in product(range(seeds), experiments, sizes, tuners):
+        single = sizes[name] == 1 and tuner == "cmaes_full"  # which needs two parameters
         if not single and count <= MODELS.get(tuner, count):
             yield name, tuner, count, seed
 
 
-def carry_out(folder: Path, names: Sequence[str], seeds: int, launch: bool) -> str:
+def carry_out(folder: Path, names: Sequence[str], seeds: int, launch: bool, held_out: bool) -> str:
     """Launch what is missing; return the table of what is there.
 
     Args:
@@ -122,10 +127,13 @@ def carry_out(folder: Path, names: Sequence[str], seeds: int, launch: bool) -> s
         names: Of the problems.
         seeds: How many.
         launch: Whether to launch anything.
+        held_out: Whether the problems are those on which the rule was not chosen.
     """
-    tasks = {name: without_baseline(name) for name in names}
+    makers, tuners = (HELD_OUT, ("auto", *TUNERS)) if held_out else (PROBLEMS, TUNERS)
+    tasks = {name: without_baseline(makers[name]) for name in names}
+    sizes = {name: task.space.dimension for name, task in tasks.items()}
     costs: dict[tuple[str, str, int], list[float]] = {}
-    for name, tuner, count, seed in jobs(names, seeds):
+    for name, tuner, count, seed in jobs(sizes, seeds, tuners, (100,) if held_out else EXPERIMENTS):
         where = folder / name / tuner / str(count) / f"seed={seed}"
         if launch and not schema.is_done(where):
             begun = time.process_time()
@@ -134,7 +142,12 @@ def carry_out(folder: Path, names: Sequence[str], seeds: int, launch: bool) -> s
         if schema.is_done(where):
             cost = schema.read_result(where)["cost_mean"]
             costs.setdefault((name, tuner, count), []).append(cost)
-    return table(scores(costs, {name: untuned(task) for name, task in tasks.items()}))
+    if held_out:
+        medians = {key: float(np.median(values)) for key, values in costs.items()}
+        return table(medians, sizes, tuners)
+    return table(
+        scores(costs, {name: untuned(task) for name, task in tasks.items()}), sizes, tuners
+    )
 
 
 def main() -> None:
@@ -142,11 +155,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--folder", type=Path, default=Path("auto_tuner_runs"))
     parser.add_argument("--problems", nargs="+", choices=PROBLEMS, default=list(PROBLEMS))
+    parser.add_argument("--held-out", action="store_true")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--only-table", action="store_true")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
-    print(carry_out(given.folder, given.problems, given.seeds, not given.only_table))
+    names = list(HELD_OUT) if given.held_out else given.problems
+    print(carry_out(given.folder, names, given.seeds, not given.only_table, given.held_out))
 
 
 if __name__ == "__main__":
