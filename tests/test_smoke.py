@@ -1,19 +1,17 @@
 """The whole reproduction in small: the smoke experiment, then every analysis command on it."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests import commands
 
 ROOT = Path(__file__).parents[1]
 
 
 def run(module, *arguments, cwd):
-    done = subprocess.run(
-        [sys.executable, "-m", module, *arguments], cwd=cwd, capture_output=True, text=True,
-        timeout=900, env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd)},
-    )  # fmt: skip
+    env = {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd), "ZOAC_CORES": "1"}
+    done = commands.run("-m", module, *arguments, cwd=cwd, env=env)
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
     return done.stdout

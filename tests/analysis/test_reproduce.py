@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import subprocess
 import sys
 from html import unescape
 from pathlib import Path
@@ -13,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import zoac
+from tests import commands
 from tests.analysis.folders import write_run
 from zoac.analysis import compact, report
 
@@ -27,7 +27,7 @@ def way(folder: Path, out: Path) -> str:
 
 
 def called(words: list[str], where: Path) -> None:
-    done = subprocess.run(words, cwd=where, capture_output=True, text=True)
+    done = commands.run(*words[1:], cwd=where)
     assert done.returncode == 0, done.stderr
 
 

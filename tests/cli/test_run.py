@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests import commands
 from zoac.run import multirun_first
 
 ROOT = Path(__file__).parents[2]
@@ -19,12 +20,20 @@ SMALL = [
 ]  # fmt: skip
 
 
-def zoac(*arguments, cwd, **options):
+def environment(home):
+    return {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(home)}
+
+
+def typed(*arguments, cwd):
+    """Run a command as a shell does: nothing is imported beforehand."""
     return subprocess.run(
         [sys.executable, "-m", "zoac.run", *arguments],
-        cwd=cwd, capture_output=True, text=True, timeout=300,
-        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd), **options},
+        cwd=cwd, capture_output=True, text=True, timeout=300, env=environment(cwd),
     )  # fmt: skip
+
+
+def zoac(*arguments, cwd):
+    return commands.run("-m", "zoac.run", *arguments, cwd=cwd, env=environment(cwd))
 
 
 def result(folder, task="pid_acc", tuner="zoac", seed=0):
@@ -40,7 +49,7 @@ def test_multirun_flag_may_stand_anywhere():
 
 def test_a_sweep_writes_a_folder_per_seed_and_a_second_launch_does_nothing_again(tmp_path):
     command = ["task=pid_acc", "tuner=zoac", "-m", "seed=0,1", *SMALL]
-    first = zoac(*command, cwd=tmp_path)
+    first = typed(*command, cwd=tmp_path)
     assert first.returncode == 0, first.stderr
     one, two = result(tmp_path, seed=0), result(tmp_path, seed=1)
     assert one["x"] != two["x"]
@@ -109,10 +118,9 @@ def test_a_signal_stops_cleanly_and_the_same_command_ends_with_the_same_numbers(
     (tmp_path / "b").mkdir()
     command = [*SMALL, "budget=6000"]
     assert zoac(*command, cwd=tmp_path / "a").returncode == 0
-    process = subprocess.Popen(
-        [sys.executable, "-m", "zoac.run", *command], cwd=tmp_path / "b", stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True, env={"PYTHONPATH": str(ROOT), "HOME": str(tmp_path)},
-    )  # fmt: skip
+    process = commands.Started(
+        "-m", "zoac.run", *command, cwd=tmp_path / "b", env=environment(tmp_path)
+    )
     metrics = tmp_path / "b" / FOLDER / "metrics.jsonl"
     deadline = time.monotonic() + 300
     while not (metrics.exists() and metrics.stat().st_size) and time.monotonic() < deadline:
@@ -131,7 +139,7 @@ def test_a_signal_while_modules_are_imported_is_no_traceback(module, tmp_path):
     (tmp_path / f"{module}.py").write_text(
         "import os, time\nos.kill(os.getpid(), 2)\ntime.sleep(9)"
     )
-    done = zoac(*SMALL, cwd=tmp_path)
+    done = typed(*SMALL, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
@@ -141,7 +149,7 @@ def test_a_second_signal_stops_at_once(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-m", "zoac.run", "task=pid_acc", *endless], cwd=tmp_path,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env={"PYTHONPATH": str(ROOT), "HOME": str(tmp_path)},
+        env=environment(tmp_path),
     )  # fmt: skip
     assert process.stdout is not None
     assert process.stderr is not None

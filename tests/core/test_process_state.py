@@ -4,8 +4,10 @@ import json
 import os
 import subprocess
 import sys
-import textwrap
 from pathlib import Path
+from textwrap import dedent
+
+from tests import commands
 
 ROOT = Path(__file__).parents[2]
 
@@ -43,17 +45,10 @@ STATE = """
 """
 
 
-def run(code, before=STATE, **environment):
+def run(code, before=STATE):
     """Run a script that begins with `before`; return what it prints as JSON."""
-    script = textwrap.dedent(before) + textwrap.dedent(code)
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        cwd=ROOT,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    script = dedent(before) + dedent(code)
+    done = commands.run("-c", script, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1])
 
@@ -108,24 +103,32 @@ BITS = """
     print(json.dumps(found))
 """
 
+# Those of one set do not cover up for one another: a number that any of them changes is another.
 DEFAULTS = {
-    "double precision": "torch.set_default_dtype(torch.float64)",
-    "half precision": "torch.set_default_dtype(torch.bfloat16)",
-    "coarse products": "torch.set_float32_matmul_precision('medium')",
-    "mixed precision": "torch.autocast('cpu', dtype=torch.bfloat16).__enter__()",
-    "no gradients": "torch.set_grad_enabled(False)",
-    "inference": "torch.inference_mode().__enter__()",
-    "a device that computes nothing": "torch.set_default_device('meta')",
-    "errors of numpy": "np.seterr(all='raise')",
-    "warnings are errors": "warnings.simplefilter('error')",
-    "one thread": "torch.set_num_threads(1)",
-    "another seed": "np.random.seed(99); torch.manual_seed(99)",
+    "double precision and others": """
+        torch.set_default_dtype(torch.float64)
+        torch.set_grad_enabled(False)
+        torch.set_num_threads(1)
+        np.seterr(all="raise")
+        warnings.simplefilter("error")
+        np.random.seed(99)
+        torch.manual_seed(99)
+    """,
+    "half precision and coarse products": """
+        torch.set_default_dtype(torch.bfloat16)
+        torch.set_float32_matmul_precision("medium")
+        torch.autocast("cpu", dtype=torch.bfloat16).__enter__()
+    """,
+    "inference on a device that computes nothing": """
+        torch.inference_mode().__enter__()
+        torch.set_default_device("meta")
+    """,
 }
 
 
 def test_a_callers_defaults_change_no_bit():
     plain = run(BITS, LIBRARIES)
-    found = {name: run(BITS, f"{LIBRARIES}{line}\n") for name, line in DEFAULTS.items()}
+    found = {name: run(BITS, LIBRARIES + dedent(lines)) for name, lines in DEFAULTS.items()}
     assert {name for name, parameters in found.items() if parameters != plain} == set()
 
 

@@ -6,7 +6,6 @@ import os
 import pickle
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from contextlib import ExitStack
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from tests import commands
 from tests.support import Traps, with_a_trap
 from zoac.core.errors import ConfigError, ControllerError
 from zoac.runs import checkpoint
@@ -236,11 +236,8 @@ COMMAND = [
 
 
 def start(*arguments, cwd):
-    return subprocess.Popen(
-        [sys.executable, "-m", "zoac.search", *COMMAND, *arguments], cwd=cwd, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd)},
-    )  # fmt: skip
+    env = {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd)}
+    return commands.Started("-m", "zoac.search", *COMMAND, *arguments, cwd=cwd, env=env)
 
 
 def outcome(folder):

@@ -1,0 +1,85 @@
+"""A Python process that has imported the libraries and forks a process for each command.
+
+It reads an order from each line of its standard input: what follows `python` on the command line,
+the folder, the environment, and a folder for the output. It answers with the new process's number;
+the files `stdout`, `stderr` and, at the end, `code` appear in the folder for the output. None of
+zoac is imported here, and a command ends as Python ends: by the end of this module.
+"""
+
+import gc
+import importlib
+import json
+import os
+import random
+import runpy
+import sys
+import tempfile
+import types
+from contextlib import suppress
+from pathlib import Path
+
+LIBRARIES = (
+    "clarabel", "cma", "cvxpy", "gymnasium", "hydra", "matplotlib.pyplot", "nevergrad", "numba",
+    "numpy", "optuna", "pandas", "pydantic", "scipy.stats", "sklearn.gaussian_process",
+    "torch._dynamo",
+)  # fmt: skip
+
+
+def forked() -> dict:
+    """Fork for each order; return the order in each process that is to carry it out."""
+    for line in sys.stdin:
+        with suppress(ChildProcessError):  # there is none
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+        order = json.loads(line)
+        if os.fork():
+            continue
+        # A process for each command waits for its end; this one is ready for the next order.
+        command = os.fork()
+        if not command:
+            return order
+        os.write(1, b"%d\n" % command)
+        code = os.waitstatus_to_exitcode(os.waitpid(command, 0)[1])
+        told = Path(order["output"], "code")
+        told.with_suffix(".part").write_text(str(code))
+        told.with_suffix(".part").rename(told)
+        os._exit(0)
+    os._exit(0)
+
+
+def become(order: dict) -> list[str]:
+    """Make this process the one ordered; return what follows `python` on its command line."""
+    write = os.O_CREAT | os.O_WRONLY | os.O_APPEND
+    for number, path in enumerate((os.devnull, *(f"{order['output']}/{n}" for n in OUTPUTS))):
+        file = os.open(path, write if number else os.O_RDONLY)
+        os.dup2(file, number)
+        os.close(file)
+    gc.enable()
+    os.environ.clear()
+    os.environ.update(order["environment"])
+    os.chdir(order["cwd"])
+    tempfile.tempdir = None
+    random.seed()
+    sys.modules["numpy"].random.seed()
+    sys.orig_argv = [sys.executable, *order["arguments"]]
+    more = order["environment"].get("PYTHONPATH", "").split(os.pathsep)
+    sys.path[:0] = [order["cwd"], *filter(None, more)]
+    return order["arguments"]
+
+
+OUTPUTS = ("stdout", "stderr")
+if __name__ == "__main__":
+    del sys.path[0]  # this folder, which has a `packaging` too
+    for library in LIBRARIES:
+        with suppress(ImportError):
+            importlib.import_module(library)
+    gc.disable()
+    gc.collect()
+    gc.freeze()  # otherwise each process copies all of it only to end
+    kind, named, *sys.argv[1:] = become(forked())
+    if kind == "-m":
+        runpy.run_module(named, run_name="__main__", alter_sys=True)
+    else:
+        sys.argv[0] = "-c"
+        main = sys.modules["__main__"] = types.ModuleType("__main__")
+        exec(compile(named, "<string>", "exec"), vars(main))
