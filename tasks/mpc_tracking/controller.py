@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -127,6 +128,40 @@ class TrackingMpc:
         actions = plan.inputs[:, 0].copy()
         diagnostics = plan.diagnostics(self._model.predict(theta, state, actions))
         return actions, ({"plan": plan.inputs} if memory else memory), diagnostics
+
+    def export(
+        self, parameters: Mapping[str, float], path: str | Path, observation: int | None = None
+    ) -> Path:
+        """Write the controller as a C file; see `zoac.mpc.Mpc.export`.
+
+        Raises:
+            ConfigError: If it solves programmes until they converge.
+        """
+        from zoac.mpc.export.code import write_c
+        from zoac.mpc.export.embedded import EmbeddedMpc, linear_in, model_step
+
+        values = np.array([*(parameters[name] for name in SPACE.names), FIXED_STAGE_U])
+        length = 6 + 3 * self._options.horizon
+        objective, reference, preview = linear_in(
+            lambda obs: self._objective(np.tile(values, (len(obs), 1)), obs), length
+        )
+        box = self._model.input_low, self._model.input_high
+        return write_c(
+            EmbeddedMpc(
+                step=model_step(self._model, values[: len(_MODEL)]),
+                options=self._options,
+                observation=length,
+                state=list(range(6)),
+                before=[],
+                initial_input=np.zeros(2),
+                objective=objective,
+                reference=reference,
+                preview=preview,
+                box=box,
+                outer_box=box,
+            ),
+            path,
+        )
 
     def _guess(self, n: int, memory: Memory) -> np.ndarray:
         if not memory:

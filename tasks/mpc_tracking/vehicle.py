@@ -11,6 +11,8 @@ environment's bits do not depend on its neighbours.
 from __future__ import annotations
 
 import math
+from types import FunctionType
+from typing import Any
 
 import numpy as np
 
@@ -149,6 +151,18 @@ class BicycleModel:
         ),
         b=np.array([[0, 0], [0, 0], [0, 0], [0, 1], [1, 0], [1, 0]], dtype=bool),
     )
+
+    @property
+    def function(self) -> Any:
+        """CasADi's function of (x, u, p) that returns the next state; needs zoac[casadi]."""
+        import casadi
+
+        # `advance` itself, with CasADi's cos and sin for those of `math`.
+        plain = advance.py_func  # type: ignore[attr-defined]
+        symbolic = FunctionType(plain.__code__, {**plain.__globals__, "math": casadi})
+        x, u, p = (casadi.SX.sym(name, size) for name, size in (("x", 6), ("u", 2), ("p", 6)))
+        after = symbolic(casadi.vertsplit(p), casadi.vertsplit(x), u[0], u[1])
+        return casadi.Function("step", [x, u, p], [casadi.vertcat(*after)])
 
     def linearise(
         self, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray

@@ -177,3 +177,8 @@ class WithFixed:
         """See `Controller.act`."""
         fixed = {name: np.full(len(obs), value) for name, value in self._fixed.items()}
         return self._controller.act({**params, **fixed}, obs, memory)
+
+    @property
+    def export(self) -> Callable[..., Any]:
+        """What writes the controller, if it has one; see `zoac.mpc.Mpc.export`."""
+        return self._controller.export  # type: ignore[attr-defined]

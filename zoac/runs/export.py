@@ -55,6 +55,25 @@ def export(parameters: Mapping[str, Any], path: str | Path, units: Mapping[str, 
     return path
 
 
+def export_c(task: Task, parameters: Mapping[str, Any], path: str | Path) -> Path:
+    """Write a task's controller as C, if it has a method `export`; return the path.
+
+    Raises:
+        ConfigError: If it has none, or something of it has no form in C.
+    """
+    controller = task.make_controller()
+    if not hasattr(controller, "export"):
+        raise ConfigError(
+            f"export to {Path(path).name!r}: {type(controller).__name__} cannot be written as C, "
+            "zoac.mpc.Mpc can; .h writes the parameters"
+        )
+    env = task.make_env(1)
+    size = int(np.prod(env.single_observation_space.shape or ()))
+    env.close()
+    written: Path = controller.export(parameters, path, size)
+    return written
+
+
 def _json(parameters: Mapping[str, Any], units: Mapping[str, str], stem: str) -> str:
     return json.dumps(dict(parameters), indent=2) + "\n"
 

@@ -17,7 +17,7 @@ from zoac.core.state import pickled
 from zoac.loggers.summary import as_html
 from zoac.rollout.task import Task
 from zoac.runs import responses, schema
-from zoac.runs.export import TunedController, export
+from zoac.runs.export import TunedController, export, export_c
 from zoac.runs.foreign_code import foreign_code
 from zoac.specs import verdict
 from zoac.specs.verdict import OF_A_SPEC
@@ -160,16 +160,23 @@ class Result:
             RunFolderError: If the task is not known, and cannot be built from the folder or needs
                 code that is not trusted.
         """
-        task = self.task or task_of_run(self.folder, trust_code=self.trust_code)
-        return TunedController(task, self.parameters)
+        return TunedController(self._known_task(), self.parameters)
+
+    def _known_task(self) -> Task:
+        return self.task or task_of_run(self.folder, trust_code=self.trust_code)
 
     def export(self, path: str | Path) -> Path:
         """Write the parameters as `.yaml`, `.json`, `.h` (C) or `.m` (MATLAB); return the path.
 
+        With `.c`, write the controller itself, if it is an MPC: see `zoac.mpc.Mpc.export`.
+
         Raises:
-            ConfigError: If the suffix is none of these, or the file cannot be written; see
-                `zoac.runs.export.export`.
+            ConfigError: If the suffix is none of these, the controller has no form in C, or the
+                file cannot be written; see `zoac.runs.export.export`.
+            RunFolderError: If `.c` needs a task that is not known; see `controller`.
         """
+        if Path(path).suffix == ".c":
+            return export_c(self._known_task(), self.parameters, path)
         units = {p["name"]: p["unit"] for p in schema.read_run(self.folder)["parameters"]}
         return export(self.parameters, path, units)
 

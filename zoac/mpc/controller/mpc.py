@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -108,6 +109,8 @@ class Mpc:
         )  # fmt: skip
         self._reference = Reference(reference, model.states, model.inputs, horizon, numbers)
         self._state = _state_reader(state, len(model.states))
+        columns = range(len(model.states)) if state is None else state
+        self._columns = None if callable(columns) else list(columns)
         before = by_name("initial_input", initial_input, model.inputs)
         self._before = self._programme.clip(np.array([before.get(i, 0.0) for i in model.inputs]))
         self._solver = _solver(solver)
@@ -177,6 +180,27 @@ class Mpc:
         own = theta[:, : len(self.model.parameters)].copy()
         diagnostics = plan.diagnostics(self.model.predict(own, state, actions))
         return actions, {name: after[name] for name in memory}, diagnostics
+
+    def export(
+        self, parameters: Mapping[str, float], path: str | Path, observation: int | None = None
+    ) -> Path:
+        """Write the controller as a C file without dependencies; return the path.
+
+        It holds `mpc_init` and `mpc_step`, and computes what `act` does at these parameters.
+
+        Args:
+            parameters: Values of tuned numbers by name; others keep theirs.
+            path: `.c`.
+            observation: Length of the observation; None: as far as states and reference read it.
+
+        Raises:
+            ConfigError: If something of the controller has no form in C.
+        """
+        from zoac.mpc.export.code import write_c
+        from zoac.mpc.export.of_mpc import embedded
+
+        parts = self._programme, self._reference, self._options, self._columns, self._before
+        return write_c(embedded(self.model, self.numbers, *parts, parameters, observation), path)
 
     def _search(self, tuned: frozenset[str]) -> tuple[ModelWithOutputs, SequentialQp]:
         """Return the search for a plan where the bounds of these inputs are tuned."""

@@ -52,11 +52,11 @@ class ModelWithOutputs:
         self._model = model
         self._nx, self._nu, self._count = sizes
         self.input_low, self.input_high = box
-        self._rates, self.copies = list(rates), list(copies)
+        self.rates, self.copies = list(rates), list(copies)
         widths = (
             self._nx,
-            len(self._rates),
-            len(self._rates),
+            len(self.rates),
+            len(self.rates),
             len(self.copies),
             (self._nx + self._nu) * stage,
             self._nx * end,
@@ -83,13 +83,13 @@ class ModelWithOutputs:
     def _write_inputs(self, a: np.ndarray, b: np.ndarray) -> None:
         """Write the constant entries of Jacobians (..., nz, nz) and (..., nz, nu)."""
         for which, part in (
-            (self._rates, self.before),
-            (self._rates, self.rate),
+            (self.rates, self.before),
+            (self.rates, self.rate),
             (self.copies, self.copy),
         ):
             for row, j in zip(range(part.start, part.stop), which, strict=True):
                 b[..., row, j] = 1.0
-        for i in range(len(self._rates)):
+        for i in range(len(self.rates)):
             a[..., self.rate.start + i, self.before.start + i] = -1.0
 
     def linearise(
@@ -107,8 +107,8 @@ class ModelWithOutputs:
         states[:, :, self.states], states[:, 0, self.before] = inner, start[:, self.before]
         a[:, :, self.states, self.states], b[:, :, self.states] = a_inner, b_inner
         self._write_inputs(a, b)
-        states[:, 1:, self.before] = inputs[:, :, self._rates]
-        states[:, 1:, self.rate] = inputs[:, :, self._rates] - states[:, :-1, self.before]
+        states[:, 1:, self.before] = inputs[:, :, self.rates]
+        states[:, 1:, self.rate] = inputs[:, :, self.rates] - states[:, :-1, self.before]
         states[:, 1:, self.copy] = inputs[:, :, self.copies]
         if self.stage.stop > self.stage.start:
             rows = after[:, : (nx + nu) ** 2].reshape(n, 1, nx + nu, nx + nu)

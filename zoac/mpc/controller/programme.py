@@ -67,6 +67,8 @@ class Programme:
         else:
             given = by_name("terminal", terminal, states)
             self._terminal = Matrix("terminal", given, states, numbers) if given else None
+        self.of_regulator = isinstance(self._terminal, RiccatiWeights)
+        """Whether the terminal weights are those of the linear-quadratic regulator."""
         self._rate_weights = {
             name: numbers.add("rate_weight", f"rate_weight_{name}", value, 0.0)
             for name, value in by_name("rate_weights", rate_weights, inputs).items()
@@ -103,11 +105,15 @@ class Programme:
                 None if low is None else numbers.add("low", f"low_{name}", low),
                 None if high is None else numbers.add("high", f"high_{name}", high),
             )
+        self._box = self.box(numbers.values)
+
+    def box(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Return lower and upper bounds of the inputs, (nu,) each, at given numbers."""
         box = np.full((2, len(self._inputs)), np.inf) * [[-1.0], [1.0]]
         for j, name in enumerate(self._inputs):
             for side, number in enumerate(self._bounds.get(name, ())):
-                box[side, j] = box[side, j] if number is None else numbers.values[number]
-        self._box = box
+                box[side, j] = box[side, j] if number is None else values[number]
+        return box[0], box[1]
 
     def _add_penalties(
         self, hard: Sequence[str], penalty: float | Mapping[str, float] | None, numbers: Numbers
@@ -136,7 +142,7 @@ class Programme:
         """
         for j, name in enumerate(self._inputs):
             for number in self._bounds.get(name, ()):
-                fields, (low, high) = space.get(number or ""), self._box[:, j]
+                fields, low, high = space.get(number or ""), self._box[0][j], self._box[1][j]
                 if fields and not low <= fields["low"] <= fields["high"] <= high:
                     raise ConfigError(
                         f"space: {number} must stay inside the bounds that the MPC was built with, "
@@ -167,7 +173,7 @@ class Programme:
         return ModelWithOutputs(
             self._model,
             (len(self._states), len(self._inputs), len(self._model.parameters)),
-            (self._box[0], self._box[1]),
+            self._box,
             self.rates,
             [j for j, name in enumerate(self._inputs) if name in copies],
             stage=self._weight.full,

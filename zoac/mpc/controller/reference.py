@@ -50,9 +50,16 @@ class Reference:
                 self._inputs.append((inputs.index(name), number))
         self.of_inputs = frozenset(inputs[j] for j, _ in self._inputs)
         """Names of the inputs that have one."""
+        self.is_function = callable(given)
+        """Whether a function of observations computes it."""
         self._count = len(inputs)
         if self._function is None and given is not None and not entries:
             raise ConfigError("reference={}: expected numbers or slices by name, or a function")
+
+    @property
+    def columns(self) -> list[slice]:
+        """The parts of the observation that are references of states."""
+        return list(self._columns.values())
 
     def __call__(
         self, obs: np.ndarray, values: Mapping[str, np.ndarray]

@@ -1,0 +1,1 @@
+"""An MPC as C: one file without dependencies, whose functions CasADi generates."""
