@@ -46,7 +46,7 @@ OF_ONE_RUN = ("seed", "config_hash", "command", "started")
 LEFT_OUT = ("x", "config_hash", "format")
 """Of a result: what follows from parameters and run.json."""
 
-OF_ONE_EVALUATION = ("kind", "final", "parameters", "episode_lengths")
+OF_ONE_EVALUATION = ("kind", "final", "parameters", "episode_lengths", "baseline_cost_mean")
 """Of an evaluation while tuning: what is not kept."""
 
 

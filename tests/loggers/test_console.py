@@ -1,6 +1,12 @@
 """What a run prints."""
 
+import fcntl
 import io
+import os
+import pty
+import struct
+import termios
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -22,9 +28,28 @@ class Terminal(io.StringIO):
         return True
 
 
-def evaluation(steps, cost, final=False):
+def evaluation(steps, cost, final=False, **more):
     return {"kind": "eval", "env_steps": steps, "wall_seconds": steps / 100, "cost_mean": cost,
-            "cost_per_episode": [cost], "terminations": 4, "final": final}  # fmt: skip
+            "cost_per_episode": [cost], "terminations": 4, "final": final, **more}  # fmt: skip
+
+
+def live_lines(columns, seen=()):
+    """Return what the line that moves shows, in a terminal of so many columns."""
+    terminal, inside = pty.openpty()
+    fcntl.ioctl(inside, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    with os.fdopen(inside, "w", encoding="utf-8") as stream:
+        console = Console(500_000, stream=stream)
+        console.start(RUN)
+        if seen:
+            console.resume(seen)
+        console.row(evaluation(0, 3.25, baseline_cost_mean=2.198))
+        console.row({"kind": "train", "env_steps": 125_000, "wall_seconds": 1250.0, "failures": 12})
+        console.row(evaluation(250_000, 2.5))
+    shown = b""
+    with os.fdopen(terminal, "rb", buffering=0) as screen, suppress(OSError):  # at its end
+        while part := screen.read(4096):
+            shown += part
+    return [line.rstrip() for line in shown.decode().split("\r") if "%|" in line]
 
 
 def result(**changes):
@@ -65,6 +90,27 @@ def test_a_terminal_has_one_line_that_moves():
     assert " steps | " not in text
     assert "\r" in text
     assert "best=0.2469" in text
+
+
+@pytest.mark.parametrize("columns", [60, 80, 120])
+def test_the_line_that_moves_fits_and_leaves_out_what_matters_least(columns):
+    lines = live_lines(columns)
+    assert max(map(len, lines)) <= columns
+    told = [f for f in ("best=2.5", "baseline=2.198", "failed=12", "terminated=4", "cost=2.5")
+            if f in lines[-1]]  # fmt: skip
+    assert told == {
+        60: ["best=2.5", "failed=12"],
+        80: ["best=2.5", "baseline=2.198", "failed=12"],
+        120: ["best=2.5", "baseline=2.198", "failed=12", "terminated=4", "cost=2.5"],
+    }[columns]
+    assert "left" in lines[-1]
+
+
+def test_a_run_that_goes_on_shows_the_best_cost_and_the_failures_of_before():
+    seen = [evaluation(0, 1.75, baseline_cost_mean=2.198), evaluation(1000, 4.0, failures=30)]
+    _, first, *_, last = live_lines(120, seen)
+    assert "best=1.75, baseline=2.198, failed=30" in first
+    assert "best=1.75, baseline=2.198, failed=12" in last
 
 
 def test_the_last_lines_tell_costs_with_their_interval_and_some_parameters(tmp_path):

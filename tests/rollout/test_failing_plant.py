@@ -203,6 +203,9 @@ def test_failures_are_counted_and_the_first_is_kept(tmp_path, tuner, capsys):
     assert [r["first_failure"] for r in read_metrics(result.folder) if "first_failure" in r] == [
         first
     ]
+    counted = [r["failures"] for r in read_metrics(result.folder) if "failures" in r]
+    assert counted == sorted(counted)
+    assert counted[-1] == record["failures"]
     out = " ".join(capsys.readouterr().out.split())  # as it was before it was wrapped
     assert f"the first step that failed, priced: {first}" in out
     assert f"failures: {record['failures']}, the first: {first}" in out

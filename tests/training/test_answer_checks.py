@@ -118,6 +118,16 @@ def test_the_command_lines_results_say_what_the_start_values_cost(run_in):
     assert "warnings" in result
 
 
+def test_the_first_evaluation_says_what_the_baseline_values_cost_on_its_episodes(run_in, tmp_path):
+    told = ("task=pendulum", "budget=400", "evaluation.episodes=2", "evaluation.final_episodes=2")
+    result = run_in(*told, "tuner=random")
+    (folder,) = (file.parent for file in tmp_path.rglob("metrics.jsonl"))
+    first, *others = (r for r in read_metrics(folder) if r["kind"] == "eval")
+    assert first["baseline_cost_mean"] == result["baseline_cost_mean"]  # the same two episodes
+    assert first["baseline_cost_mean"] != first["cost_mean"]
+    assert not any("baseline_cost_mean" in row for row in others)
+
+
 @pytest.fixture
 def run_in(tmp_path):
     from zoac.config.compose import compose_config, resolved

@@ -7,7 +7,11 @@ from typing import Any, Protocol
 
 
 class Logger(Protocol):
-    """Where rows go beside the run folder."""
+    """Where rows go beside the run folder.
+
+    A logger may also have `resume(rows)`, which takes the rows that a run has already when the run
+    goes on after an interruption.
+    """
 
     def start(self, run: Mapping[str, Any]) -> None:
         """Take the content of `run.json`."""

@@ -6,7 +6,7 @@ import io
 import shlex
 import sys
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -22,6 +22,9 @@ WIDTH = 80
 
 BAR = "{desc}{percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} steps, {remaining} left{postfix}"
 """The line that moves, for tqdm."""
+
+MIN_BAR = 4
+"""Columns that the bar keeps; figures that do not fit beside it are left out."""
 
 
 class Console:
@@ -52,6 +55,9 @@ class Console:
         self._units: dict[str, str] = {}
         self._first: tuple[float, int] | None = None
         self._best = np.inf
+        self._baseline: float | None = None
+        self._failures = 0
+        self._last: Mapping[str, Any] = {"cost_mean": np.nan, "terminations": 0}
 
     def start(self, run: Mapping[str, Any]) -> None:
         """Print what runs, and the tuner's choices that a comparison must show."""
@@ -66,8 +72,14 @@ class Console:
             shown = format(value, ".6g") if isinstance(value, float) else value
             self._say(f"  {choice}: {shown}")
 
+    def resume(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Take what the rows say that the run has already."""
+        for row in rows:
+            self._learn(row)
+
     def row(self, row: Mapping[str, Any]) -> None:
         """Show progress."""
+        self._learn(row)
         if self._first is None:
             self._first = (row["wall_seconds"], row["env_steps"])
             if self._live:
@@ -78,14 +90,9 @@ class Console:
                 )  # fmt: skip
         if "first_failure" in row:
             self._say(f"  the first step that failed, priced: {row['first_failure']}")
-        if row["kind"] == "eval":
-            self._best = min(self._best, row["cost_mean"])
         if self._bar is not None:
             self._bar.update(max(0, min(row["env_steps"], self._budget) - self._bar.n))
-            if row["kind"] == "eval":
-                shown = {"cost": f"{row['cost_mean']:.4g}", "best": f"{self._best:.4g}"}
-                failed = {"terminated": row["terminations"]} if row["terminations"] else {}
-                self._bar.set_postfix({**shown, **failed})
+            self._bar.set_postfix_str(self._figures(self._bar), refresh=row["kind"] == "eval")
         elif row["kind"] == "eval":
             ended = f", {row['terminations']} terminated" if row["terminations"] else ""
             final = "final " if row["final"] else ""
@@ -122,6 +129,36 @@ class Console:
             self._print(f"  run folder: {folder}")
             self._print(f"  a page about it: python -m zoac.analysis.report {folder}")
 
+    def _learn(self, row: Mapping[str, Any]) -> None:
+        """Keep the figures of the line that moves."""
+        self._failures = row.get("failures", self._failures)
+        if row["kind"] == "eval":
+            self._best = min(self._best, row["cost_mean"])
+            self._last = row
+            self._baseline = row.get("baseline_cost_mean", self._baseline)
+
+    def _figures(self, bar: tqdm[Any]) -> str:
+        """Return the figures that fit beside the bar, the most important ones first."""
+        last = self._last
+        figures = {
+            "best": f"{self._best:.4g}",
+            "baseline": "" if self._baseline is None else f"{self._baseline:.4g}",
+            "failed": str(self._failures or ""),
+            "terminated": str(last["terminations"] or ""),
+            "cost": f"{last['cost_mean']:.4g}",
+        }
+        meter = {**bar.format_dict, "bar_format": BAR.replace("{bar}", ""), "postfix": ""}
+        room = np.inf
+        if meter["ncols"] is not None:
+            room = meter["ncols"] - len(bar.format_meter(**meter)) - MIN_BAR
+        told: list[str] = []
+        for name, number in figures.items():
+            figure = f"{name}={number}"
+            if number and len(figure) + 2 <= room:  # with the comma before it
+                told.append(figure)
+                room -= len(figure) + 2
+        return ", ".join(told)
+
     def _progress(self, row: Mapping[str, Any]) -> str:
         """Return steps, time so far and time left, from the rate since this process began."""
         assert self._first is not None
@@ -150,6 +187,12 @@ class Console:
         print(known, file=self._stream, flush=True)
         if self._bar is not None:
             self._bar.refresh()
+
+
+def say(text: str) -> None:
+    """Print on standard output, above the line that moves if there is one."""
+    if sys.stdout is not None:
+        tqdm.write(text)
 
 
 def _clock(seconds: float) -> str:

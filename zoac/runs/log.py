@@ -94,6 +94,8 @@ class RunLog:
         with _writing(self.folder / schema.METRICS):
             self._file.truncate(size)
             self._file.seek(size)
+        if size:
+            self._forward("resume", self.rows())
 
     def save_checkpoint(self, state: Any) -> None:
         """Write a checkpoint of this run; rows so far are on the disk before it is.
@@ -119,10 +121,12 @@ class RunLog:
         """Close the file."""
         self._file.close()
 
-    def _forward(self, verb: str, content: Mapping[str, Any]) -> None:
+    def _forward(self, verb: str, content: Any) -> None:
+        """Call a method of every logger that has it."""
         for logger in list(self._loggers):
             try:
-                getattr(logger, verb)(content)
+                if hasattr(logger, verb):
+                    getattr(logger, verb)(content)
             except Exception as error:  # a logger must not end a run, whatever it raises
                 self._loggers.remove(logger)
                 name = type(logger).__name__

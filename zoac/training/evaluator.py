@@ -53,20 +53,27 @@ class Evaluator:
         return self._last_finite.copy()
 
     def evaluate(self, *, final: bool) -> dict[str, Any]:
-        """Return the row of an evaluation of the recommendation."""
+        """Return the row of an evaluation of the recommendation.
+
+        The first of a run also has `baseline_cost_mean`, on the same episodes, if the task has
+        baseline values.
+        """
         settings, x = self._settings, self.recommendation()
         segments = self._rollout(x, settings.final_episodes if final else settings.episodes)
         row = self._row(segments, self._task.metrics)
         if final:
             self._responses["tuned"] = segments
+        elif self._progress.env_steps == 0 and (baseline := self._baseline()) is not None:
+            same = np.array_equal(x, baseline)
+            told = row if same else self._row(self._rollout(baseline, settings.episodes))
+            row["baseline_cost_mean"] = told["cost_mean"]
         row |= self._progress.account(segments)
         return {**row, "parameters": self._task.space.named(x), "x": x.tolist(), "final": final}
 
     def evaluate_baseline(self) -> dict[str, Any]:
         """Return `baseline` and its mean cost for a result; {} if the task has no baseline."""
-        if self._task.baseline is None:
+        if (x := self._baseline()) is None:
             return {}
-        x = self._task.space.normalise(self._task.baseline)
         segments = self._rollout(x, self._settings.final_episodes)
         row = self._row(segments)
         self._responses["baseline"] = segments
@@ -87,6 +94,11 @@ class Evaluator:
         }
         told = {"episode": which, "of": len(segments), "loop": loop}
         return episodes, {"shown": {**told, "spec": None if spec is None else str(spec)}}
+
+    def _baseline(self) -> np.ndarray | None:
+        """Return the baseline values (d,) as the tuner sees them; None if the task has none."""
+        task = self._task
+        return None if task.baseline is None else task.space.normalise(task.baseline)
 
     def state(self) -> np.ndarray:
         """Return the last finite recommendation (d,)."""

@@ -21,7 +21,7 @@ from zoac.core.tuner import Tuner
 from zoac.executors.base import Executor
 from zoac.loggers.base import Logger
 from zoac.loggers.callback import Callbacks
-from zoac.loggers.console import Console
+from zoac.loggers.console import Console, say
 from zoac.rollout.task import Task
 from zoac.runs import provenance, schema
 from zoac.runs.log import RunLog
@@ -143,8 +143,7 @@ def execute(run: Run, folder: Path, again: str = "the same command") -> dict[str
         _tell_what_differs(folder, record)
         log = RunLog(folder, record, run.loggers)
         _tell_remarks(run.task)
-        if run.quiet:
-            run.executor.tell = lambda _: None
+        run.executor.tell = (lambda _: None) if run.quiet else say
         try:
             run.executor.start(run.task, run.settings.num_envs, run.settings.seed)
             # A caller's `np.seterr(all="raise")` is not for what zoac computes.

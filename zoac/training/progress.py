@@ -47,24 +47,25 @@ class Progress:
         self.compute_seconds += clocks[1] - self._clocks[1]
         self._clocks = clocks
 
-    def account(self, segments: Sequence[Segment]) -> dict[str, str]:
+    def account(self, segments: Sequence[Segment]) -> dict[str, Any]:
         """Add up failures and what controllers report of solvers, tuning and evaluation alike.
 
         Returns:
-            `first_failure`, for the row, if the run's first is among them.
+            For the row, if a segment failed: `failures`, their number so far, and `first_failure`
+            if the run's first is among them.
         """
         failures = [s.failure for s in segments if s.failure is not None]
         self.failures += len(failures)
-        first = {}
+        told: dict[str, Any] = {"failures": self.failures} if failures else {}
         if failures and self.first_failure is None:
-            self.first_failure = first["first_failure"] = failures[0]
+            self.first_failure = told["first_failure"] = failures[0]
         for segment in segments:
             diagnostics = segment.diagnostics
             if "solver_seconds" in diagnostics:
                 self.solver_seconds += float(diagnostics["solver_seconds"].sum())
             if "solver_failed" in diagnostics:
                 self.solver_failures += int(diagnostics["solver_failed"].sum())
-        return first
+        return told
 
     @contextmanager
     def timed(self, counter: str) -> Iterator[None]:

@@ -169,8 +169,8 @@ class Trainer:
             self._refuse("before it ended")
         earlier = [row for row in self._log.rows() if row["kind"] == "eval"]
         final = self._evaluate(final=True)
-        del final["final"]
-        final.pop("first_failure", None)
+        for key in ("final", "failures", "first_failure"):
+            final.pop(key, None)
         start = self._evaluator.evaluate_baseline()
         shown: dict[str, Any] = {}
         if self._task.signals:
