@@ -2,9 +2,10 @@
 
 Every other command reads such a folder like the runs themselves. What is kept: of each finished run
 its whole result; of its evaluations while tuning the metrics and each episode's cost; of its
-configuration one copy for all seeds of a method. What is not: parameters while tuning, training
-rows, commands, dates. `--summary` keeps less: of each run one row with means over the episodes,
-which is what `zoac.analysis.beyond` needs.
+configuration one copy for all seeds of a method. What is not: training rows, commands, dates, and,
+without `--parameters`, the parameters while tuning, which `zoac.analysis.landscape` draws.
+`--summary` keeps less: of each run one row with means over the episodes, which is what
+`zoac.analysis.beyond` needs.
 
     runs.csv         one row per run: task, tuner, variant, seed, and its result
     evaluations.csv  one row per evaluation while tuning
@@ -37,6 +38,9 @@ KEY = ("task", "tuner", "variant", "seed")
 TEXTS = ("task", "tuner", "variant")
 LISTS = ("cost_per_episode", "episode_lengths")
 
+PARAMETER = "parameters."
+"""Begins the names of columns of parameters."""
+
 TIMES = "*"
 """In a list, 200*3 is 200 200 200."""
 
@@ -68,6 +72,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="no evaluations while tuning, and of results no single episodes",
     )
     parser.add_argument(
+        "--parameters",
+        action="store_true",
+        help="also the parameters of evaluations while tuning",
+    )
+    parser.add_argument(
         "--digits",
         type=cli.count,
         metavar="N",
@@ -81,7 +90,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         evaluated = () if options.summary else runs
         files = {
             RUNS: runs_csv(runs, options.digits, left_out),
-            EVALUATIONS: evaluations_csv(evaluated, options.every, options.digits),
+            EVALUATIONS: evaluations_csv(
+                evaluated, options.every, options.digits, options.parameters
+            ),
             METHODS: methods_json(runs),
         }
         for name, content in files.items():
@@ -98,23 +109,33 @@ def runs_csv(runs: Iterable[Run], digits: int | None = None, left_out: Sequence[
     rows = []
     for run in runs:
         result = {k: v for k, v in run.outcome.items() if k not in (*KEY, *LEFT_OUT, *left_out)}
-        parameters = result.pop("parameters")
-        rows.append(
-            {
-                **{key: run.identity[key] for key in KEY},
-                **result,
-                **{f"parameters.{name}": value for name, value in parameters.items()},
-            }
-        )
+        rows.append({**{key: run.identity[key] for key in KEY}, **_flat(result)})
     return _csv(rows, json.dumps if digits is None else partial(_rounded, digits=digits))
 
 
-def evaluations_csv(runs: Iterable[Run], every: int = 1, digits: int | None = None) -> str:
+def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row with a column for each parameter, after the others; see `_nested`."""
+    flat = dict(row)
+    named = flat.pop("parameters", {})
+    return flat | {f"{PARAMETER}{name}": value for name, value in named.items()}
+
+
+def _nested(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what `_flat` was given."""
+    named = {k.removeprefix(PARAMETER): v for k, v in row.items() if k.startswith(PARAMETER)}
+    others = {k: v for k, v in row.items() if not k.startswith(PARAMETER)}
+    return {**others, "parameters": named} if named else others
+
+
+def evaluations_csv(
+    runs: Iterable[Run], every: int = 1, digits: int | None = None, parameters: bool = False
+) -> str:
     """Return one row per evaluation while tuning, at least `every` steps apart."""
+    left_out = {*OF_ONE_EVALUATION, *LEFT_OUT} - ({"parameters"} if parameters else set())
     rows = [
         {
             **{key: run.identity[key] for key in KEY},
-            **{k: v for k, v in row.items() if k not in (*OF_ONE_EVALUATION, *LEFT_OUT)},
+            **_flat({k: v for k, v in row.items() if k not in left_out}),
         }
         for run in runs
         if run.tuned
@@ -197,18 +218,13 @@ def _read(folder: Path) -> Iterator[Run]:
     evaluations: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for row in _rows(folder / EVALUATIONS):
         key = tuple(row[name] for name in KEY)
-        evaluations.setdefault(key, []).append({"kind": "eval", "final": False, **row})
+        evaluations.setdefault(key, []).append({"kind": "eval", "final": False, **_nested(row)})
     for row in _rows(folder / RUNS):
         key = tuple(row[name] for name in KEY)
         method, seed = methods[key[:-1]], key[-1]
         config = {**method["config"], "seed": seed}
         shared = {"config": config, "config_hash": config_hash(config)}
-        parameters = {
-            name.removeprefix("parameters."): row.pop(name)
-            for name in list(row)
-            if name.startswith("parameters.")
-        }
-        result = {**row, "parameters": parameters, "config_hash": shared["config_hash"]}
+        result = {"parameters": {}, **_nested(row), "config_hash": shared["config_hash"]}
         yield Run(
             folder / "-".join(str(part) for part in key if part is not None),
             {**method, "seed": seed, **shared},

@@ -131,7 +131,7 @@ def _draw_evolution(
     look, median = style.looks([runs[0].method])[runs[0].method], median_run(runs)
     entries: dict[str, Artist] = {}
     for run in sorted(runs, key=lambda run: run is median):
-        # The compact format keeps only the final parameters.
+        # The compact format keeps only the final parameters, unless it was told otherwise.
         rows = [row for row in run.metrics if row["kind"] == "eval" and "parameters" in row]
         steps = [row["env_steps"] for row in rows]
         values = [row["parameters"][parameter.name] for row in rows]

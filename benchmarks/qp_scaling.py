@@ -4,7 +4,8 @@ Vary horizon and states on random dense problems with two inputs, ten lanes, N 2
 where not varied. Vary lanes on a thousand of the vehicle's programmes in closed loop, in calls of
 so many. Vary workers on ten environments of mpc_tracking at the baseline parameters. All ways take
 the same problems in turn. Print medians of CPU time per programme on one thread; for workers, of
-wall time. Write `docs/images/scaling_solver.svg`.
+wall time. Write them to `benchmarks/qp_scaling.csv` and draw `docs/images/scaling_solver.svg`.
+`--draw` draws the numbers of that file anew and measures nothing.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from benchmarks.executors import steps_per_second
 from benchmarks.figures import FIGURES, pyplot, save
@@ -34,8 +37,13 @@ LANE_COUNTS = (1, 2, 5, 10, 20, 50, 100, 1000)
 PROGRAMMES = 1000
 SHOWN = ("riccati", "clarabel", "DAQP, condensed", "HPIPM, by CasADi")
 SOLVERS = ("riccati", "clarabel")
+TABLE = Path(__file__).with_suffix(".csv")
+"""One row a number: time per programme [us]; for workers, steps per second with serial = 1."""
+WORKERS = "workers"
 
 Curves = dict[str, list[float]]
+Panel = tuple[str, Sequence[int], Curves]
+"""What varies, its sizes, and the numbers of each way."""
 
 
 def grow(
@@ -77,45 +85,69 @@ def merge(problems: Sequence[LinearisedProblem]) -> LinearisedProblem:
 
 
 def over_workers(workers: Sequence[int], rounds: int) -> Curves:
-    """Return steps per second by the number of workers (0: serial), for each solver."""
+    """Return steps per second by the number of workers (0: serial, counted as 1), by solver."""
     curves: Curves = {}
     for solver in SOLVERS:
         rates = steps_per_second(solver, LANES, workers, rounds)
-        curves[solver] = [float(np.median(rates[count])) for count in workers]
+        medians = np.array([np.median(rates[count]) for count in workers])
+        curves[solver] = (medians / medians[0]).tolist()
         print(f"\nsteps/s, {solver}: " + ", ".join(
-            f"{count} workers {rate:,.0f} ({rate / curves[solver][0]:.2f} x)"
-            for count, rate in zip(workers, curves[solver], strict=True)
+            f"{count} workers {rate:,.0f} ({ratio:.2f} x)"
+            for count, rate, ratio in zip(workers, medians, curves[solver], strict=True)
         ))  # fmt: skip
     return curves
 
 
-def draw(
-    panels: Sequence[tuple[str, Sequence[int], Curves]], workers: Sequence[int], rates: Curves
-) -> None:
+def keep(panels: Sequence[Panel], path: Path = TABLE) -> None:
+    """Write the numbers of the figure, to three significant digits."""
+    rows = [
+        (what, size, name, float(f"{value:.3g}"))
+        for what, sizes, curves in panels
+        for name, values in curves.items()
+        for size, value in zip(sizes, values, strict=True)
+    ]
+    pd.DataFrame(rows, columns=["panel", "size", "way", "value"]).to_csv(path, index=False)
+
+
+def kept(path: Path = TABLE) -> list[Panel]:
+    """Return what `keep` wrote."""
+    return [
+        (
+            str(what),
+            panel["size"].drop_duplicates().tolist(),
+            {str(n): part["value"].tolist() for n, part in panel.groupby("way", sort=False)},
+        )
+        for what, panel in pd.read_csv(path).groupby("panel", sort=False)
+    ]
+
+
+def draw(panels: Sequence[Panel], folder: Path = FIGURES) -> None:
     """Write the figure of `docs/solver.md`."""
     figure, axes = pyplot().subplots(2, 2, figsize=(9, 6.4), layout="constrained")
     looks = dict(zip(SHOWN, style.cycle(), strict=False))
-    for axis, (what, sizes, curves) in zip(axes.flat, panels, strict=False):
+    for axis, (what, sizes, curves) in zip(axes.flat, panels, strict=True):
         for name, values in curves.items():
-            axis.loglog(sizes, values, label=name, **looks[name])
-        axis.set(xlabel=what, ylabel="Time per programme [µs]")
+            axis.plot(sizes, values, label=name, **looks[name])
+        if what == WORKERS:
+            axis.set(xlabel="workers (0: serial)", ylabel="Steps per second, serial = 1")
+            axis.set_ylim(0.0)
+        else:
+            axis.set(xlabel=what, ylabel="Time per programme [µs]", xscale="log", yscale="log")
         axis.set_xticks(sizes, [str(size) for size in sizes])
         axis.minorticks_off()
     axes[0, 0].legend(fontsize=7)
-    last = axes[1, 1]
-    for name, values in rates.items():
-        ratios = np.array(values) / values[0]
-        last.plot(workers, ratios, label=name, **looks[name])
-    last.set(xlabel="workers (0: serial)", ylabel="Steps per second, serial = 1", ylim=(0.0, None))
-    last.set_xticks(workers)
-    save(figure, FIGURES / "scaling_solver.svg")
+    save(figure, folder / "scaling_solver.svg")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="besides none")
+    parser.add_argument("--draw", action="store_true", help="only draw what was measured last")
     options = parser.parse_args()
+    if options.draw:
+        draw(kept())
+        return
     workers = [0, *options.workers]
     ways = installed({name: make for name, make in {**RICCATI, **PEERS}.items() if name in SHOWN})
     own = {name: ways[name] for name in SOLVERS}
@@ -129,15 +161,17 @@ def main() -> None:
         sizes: Sequence[int],
         make: Callable[[int], list[LinearisedProblem]],
         which: Mapping[str, Way],
-    ) -> tuple[str, Sequence[int], Curves]:
+    ) -> Panel:
         return what, sizes, grow(what, sizes, make, which, options.rounds)
 
     panels = [
         measure("horizon", HORIZONS, lambda n: [dense_problems(LANES, n, 6, 2, 0)], ways),
         measure("states", STATES, lambda nx: [dense_problems(LANES, 25, nx, 2, 0)], ways),
         measure("environments", LANE_COUNTS, split, own),
+        (WORKERS, workers, over_workers(workers, options.rounds)),
     ]
-    draw(panels, workers, over_workers(workers, options.rounds))
+    keep(panels)
+    draw(panels)
 
 
 if __name__ == "__main__":

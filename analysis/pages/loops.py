@@ -42,7 +42,7 @@ def recorded(run: Run) -> str:
     table = responses.one_loop(responses.read(run.folder), run.outcome)
     signals, specs = run.identity.get("signals", {}), run.outcome.get("specs", [])
     units = signals.get("units", {})
-    references = guides.references(specs)
+    references = guides.references(specs, table.columns[2:])
     pictures = []
     for name in (n for n in table.columns[2:] if n not in references.values()):
         figure, axes = html.figure()
@@ -82,7 +82,7 @@ def step_information(run: Run) -> str:
         return ""
     table = responses.one_loop(responses.read(run.folder), run.outcome)
     tables = []
-    for name, reference in guides.references(specs).items():
+    for name, reference in guides.references(specs, table.columns[2:]).items():
         windows = [r["window"] for r in specs if r["signals"] == [name, reference] and r["window"]]
         steps = {
             str(which): _step(part, name, reference, windows[0] if windows else None)

@@ -12,6 +12,7 @@ from zoac.core.errors import RunFolderError
 from zoac.core.segments import Proposal, Segment
 from zoac.rollout.engine import RolloutEngine
 from zoac.runs import responses
+from zoac.specs import guides
 from zoac.specs import step_info as figures
 from zoac.specs.signals import Signal
 from zoac.specs.verdict import Deciding, deciding
@@ -95,6 +96,29 @@ def test_traces_have_names_units_seconds_reference_and_limits():
     assert (y.reference[1] == 1.0).all()
     assert y.limits == pytest.approx((1.05, 1.25, 0.75))
     assert (u.reference, u.limits) == (None, (6.0,))
+
+
+@pytest.mark.parametrize(
+    ("spec", "names", "expected"),
+    [
+        (None, ("y", "u", "r"), {"y": "r"}),
+        (None, ("x", "x_ref", "r"), {"x": "x_ref"}),
+        (zoac.specs.peak("y", max=2.0), ("y", "r"), {"y": "r"}),
+        (zoac.specs.peak("r", max=2.0), ("y", "r"), {}),
+        (zoac.specs.overshoot("x", "r", max=0.1), ("x", "y", "r"), {"x": "r"}),
+        (zoac.specs.overshoot("y", "goal", max=0.1), ("y", "r", "goal"), {"y": "goal"}),
+    ],
+)
+def test_a_reference_that_no_spec_names_goes_by_its_name(spec, names, expected):
+    rows = [] if spec is None else [guides.plain(spec)]
+    assert guides.references(rows, names) == expected
+
+
+def test_a_reference_without_a_spec_is_drawn_over_its_signal():
+    plain = tuned(specs=[], objective="auto", budget=80)
+    panels = [axes for axes in plain.plot().axes if axes.lines]
+    assert [axes.get_ylabel() for axes in panels] == ["y [m]", "u"]
+    assert [line.get_label() for line in panels[0].lines][0] == "Reference"
 
 
 def test_the_figure_shows_the_episode_that_decides_and_says_so(result):

@@ -223,6 +223,11 @@ def test_a_loop_that_forgets_to_tell_is_told_so():
             pass
 
 
+def test_a_study_keeps_the_name_that_its_tuner_has_in_tables(tmp_path):
+    study(tmp_path, tuner="cmaes")
+    assert json.loads((tmp_path / "run.json").read_text())["tuner_name"] == "CMA-ES"
+
+
 def test_a_study_is_its_folder(tmp_path):
     made = study(tmp_path, seed=3)
     made.tell(made.ask(), 1.0)

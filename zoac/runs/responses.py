@@ -131,7 +131,7 @@ def plot(folder: Path, record: Mapping[str, Any]) -> Figure:
     table = one_loop(read(folder), record)
     signals = schema.read_run(folder).get("signals", {})
     specs = record.get("specs", [])
-    named = guides.references(specs)
+    named = guides.references(specs, table.columns[2:])
     shown = [name for name in table.columns[2:] if name not in named.values()]
     height = HEIGHT * len(shown) + 0.5
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
@@ -154,7 +154,7 @@ def plot(folder: Path, record: Mapping[str, Any]) -> Figure:
 
 def draw(axes: Axes, table: pd.DataFrame, name: str, specs: Sequence[Mapping[str, Any]]) -> None:
     """Draw one signal of `responses.csv`, its reference and its limits."""
-    reference = guides.references(specs).get(name)
+    reference = guides.references(specs, table.columns[2:]).get(name)
     parts = list(table.groupby("parameters", sort=False))
     _, last = parts[-1]
     if reference in last.columns:

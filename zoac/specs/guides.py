@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,9 +39,26 @@ def plain(spec: Spec) -> dict[str, Any]:
     }
 
 
-def references(rows: Iterable[Mapping[str, Any]]) -> dict[str, str]:
-    """Return the reference of each signal that has one, from what `plain` returned."""
-    return {row["signals"][0]: row["signals"][1] for row in rows if len(row["signals"]) == 2}
+def references(rows: Iterable[Mapping[str, Any]], names: Collection[str]) -> dict[str, str]:
+    """Return the reference of each signal that has one.
+
+    A spec names it. Otherwise `r` is the reference of `y`, and `<name>_ref` that of `<name>`,
+    unless a spec names this signal too.
+
+    Args:
+        rows: From `plain`.
+        names: Of all signals.
+    """
+    rows = list(rows)
+    named = {row["signals"][0]: row["signals"][1] for row in rows if len(row["signals"]) == 2}
+    judged = {name for row in rows for name in row["signals"]}
+    pairs = [(name.removesuffix("_ref"), name) for name in names if name.endswith("_ref")]
+    by_name = {
+        name: reference
+        for name, reference in (*pairs, ("y", "r"))
+        if {name, reference} <= set(names) and reference not in judged
+    }
+    return by_name | named
 
 
 def limits(
@@ -108,7 +125,7 @@ def signal_traces(
     episode = Episode.of(segment, signals, sample_time or 1.0)
     first = {name: v if v.ndim == 1 else v[:, 0] for name, v in episode.values.items()}
     rows = [plain(spec) for spec in specs]
-    named = references(rows)
+    named = references(rows, first)
     x_label = "Step" if sample_time is None else "Time [s]"
     traces = []
     for name, samples in first.items():

@@ -72,13 +72,15 @@ def _begin(
     called: tuple[str, str | None],
 ) -> None:
     """Write `run.json` unless there is one."""
-    if not (folder / schema.RUN).exists():
-        check(settings)
+    if (folder / schema.RUN).exists():
+        return
+    tuner = check(settings)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with locked(folder / ".lock", wait=True):
             if not (folder / schema.RUN).exists():
                 record = {**_record(settings), "study": {"trial_timeout": trial_timeout}}
+                record["tuner_name"] = tuner.display_name or settings.tuner
                 record["task"], record["variant"] = called
                 schema.write_json(folder / schema.RUN, record)
     except OSError as error:

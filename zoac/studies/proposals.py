@@ -156,8 +156,8 @@ class Proposals:
             )
 
 
-def check(settings: StudySettings) -> None:
-    """Refuse a tuner whose first batch is larger than what it may spend.
+def check(settings: StudySettings) -> Tuner:
+    """Return the tuner; refuse one whose first batch is larger than what it may spend.
 
     Raises:
         ConfigError: If it is, or the tuner cannot be used.
@@ -168,13 +168,15 @@ def check(settings: StudySettings) -> None:
         searches = search_budget(searches, settings.acceptance_test)
     plain = replace(settings, experiments=searches, baseline_first=False, acceptance_test=None,
                     initial_samples=None)  # fmt: skip
-    size = len(Proposals(plain).batch)
+    proposals = Proposals(plain)
+    size = len(proposals.batch)
     if size > searches:
         raise ConfigError(
             f"experiments={settings.experiments}: tuner {settings.tuner!r} learns from {size} at "
             f"a time, and {searches} are left for its search; allow more experiments, or choose "
             "a tuner that learns from each, such as bo"
         )
+    return proposals.tuner
 
 
 def segment(proposal: Proposal, trial: Trial) -> Segment:
