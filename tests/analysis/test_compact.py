@@ -85,6 +85,13 @@ def test_evaluations_come_back_to_six_digits(runs, small):
             assert again["cost_per_episode"] == pytest.approx(row["cost_per_episode"], rel=1e-5)
 
 
+def test_parameters_while_tuning_come_back_if_asked_for(runs, tmp_path):
+    assert compact.main([str(runs), "--out", str(tmp_path / "small"), "--parameters"]) == 0
+    for run, twin in zip(load(runs).runs, load(tmp_path / "small").runs, strict=True):
+        for row, again in zip(run.evaluations, twin.evaluations, strict=False):
+            assert again["parameters"] == pytest.approx(row["parameters"], rel=1e-5)
+
+
 def test_tables_of_both_are_the_same_bytes(runs, small, tmp_path):
     for source, out in ((runs, "a"), (small, "b")):
         assert table2.main([str(source), "--task", "pid_acc", "--out", str(tmp_path / out)]) == 0

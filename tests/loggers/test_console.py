@@ -98,11 +98,14 @@ def test_the_line_that_moves_fits_and_leaves_out_what_matters_least(columns):
     assert max(map(len, lines)) <= columns
     told = [f for f in ("best=2.5", "baseline=2.198", "failed=12", "terminated=4", "cost=2.5")
             if f in lines[-1]]  # fmt: skip
-    assert told == {
-        60: ["best=2.5", "failed=12"],
-        80: ["best=2.5", "baseline=2.198", "failed=12"],
-        120: ["best=2.5", "baseline=2.198", "failed=12", "terminated=4", "cost=2.5"],
-    }[columns]
+    assert (
+        told
+        == {
+            60: ["best=2.5", "failed=12"],
+            80: ["best=2.5", "baseline=2.198", "failed=12"],
+            120: ["best=2.5", "baseline=2.198", "failed=12", "terminated=4", "cost=2.5"],
+        }[columns]
+    )
     assert "left" in lines[-1]
 
 

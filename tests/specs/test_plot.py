@@ -118,7 +118,7 @@ def test_a_reference_without_a_spec_is_drawn_over_its_signal():
     plain = tuned(specs=[], objective="auto", budget=80)
     panels = [axes for axes in plain.plot().axes if axes.lines]
     assert [axes.get_ylabel() for axes in panels] == ["y [m]", "u"]
-    assert [line.get_label() for line in panels[0].lines][0] == "Reference"
+    assert panels[0].lines[0].get_label() == "Reference"
 
 
 def test_the_figure_shows_the_episode_that_decides_and_says_so(result):
