@@ -260,8 +260,8 @@ def draw(costs: Costs, folder: Path = FIGURES) -> None:
         ups = [throughput(plant, costs, 256, int(w)) / alone for w in counts]
         axes[1].loglog(counts, ups, label=f"{std:g}")
     axes[1].loglog(counts, counts, color="0.6", linestyle=":", marker="")
-    axes[1].set(xlabel="workers", title="256 environments, 0.1 s a step, unequal segments")
-    axes[1].legend(title="std of a segment", fontsize=7, title_fontsize=7)
+    axes[1].set(xlabel="workers", title="256 environments, 0.1 s a step, segments of unequal time")
+    axes[1].legend(title="std / mean", fontsize=7, title_fontsize=7)
     save(figure, folder / "scaling_workers.svg")
 
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
@@ -275,7 +275,7 @@ def draw(costs: Costs, folder: Path = FIGURES) -> None:
     axes[0].set(
         xlabel="workers",
         ylabel="hours",
-        title="500,000 steps, 256 environments (o: 10 environments, 10 workers)",
+        title="500,000 steps, 256 environments (o: 10 with 10 workers)",
     )
     axes[0].legend(title="one step takes", fontsize=7, title_fontsize=7)
     some = np.array([1, 2, 4, 10, 20, 50, 100, 256])

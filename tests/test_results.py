@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from zoac.analysis import beyond, curves, table2
+from zoac.analysis.data.load import load
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
@@ -109,6 +110,17 @@ def test_runs_of_the_authors_code_end_where_the_report_says(task, variant):
     report = (ROOT / "docs" / "reproduction.md").read_text()
     assert sorted(chosen.seed) == list(range(len(chosen)))
     assert report_of(chosen.cost_mean, task) in report
+
+
+def test_the_runs_of_fig_4_are_those_of_the_authors_code():
+    logged = pd.read_csv(RESULTS / "authors_code" / "runs.csv")
+    chosen = (logged.task == "pid_acc_code") & (logged.variant == "authors_code")
+    costs = logged[chosen & (logged.tuner == "zoac")].set_index("seed").cost_mean
+    runs = load(RESULTS / "fig4").finished
+    assert {run.seed for run in runs} == set(range(8))
+    for run in runs:
+        assert run.cost_mean == pytest.approx(costs[run.seed], rel=1e-4)
+        assert [row["parameters"] for row in run.evaluations][-1].keys() == {"k", "Kp", "Ki", "Kd"}
 
 
 def test_what_was_found_shows_the_rows_of_table_2():

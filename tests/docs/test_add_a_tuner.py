@@ -1,4 +1,4 @@
-"""The example of `docs/add_a_tuner.md` keeps what the page says of costs."""
+"""The examples of `docs/add_a_tuner.md` keep what the page says of costs."""
 
 import re
 from pathlib import Path
@@ -12,16 +12,17 @@ from zoac.core.tuner import Problem
 PAGE = Path(__file__).parents[2] / "docs" / "add_a_tuner.md"
 
 
+@pytest.mark.parametrize("name", ["HillClimber", "Climber"])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_batch_of_bad_costs_alone_is_no_error_and_never_the_best(bad):
+def test_a_batch_of_bad_costs_alone_is_no_error_and_never_the_best(bad, name):
     names = {}
-    block = re.search(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    exec(block[1], names)
+    for block in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[:2]:
+        exec(block, names)
     task = CountingTask()
     problem = Problem(
         task.space, observation_size=3, num_envs=2, budget=0, max_episode_steps=7, seed=0
     )
-    tuner = names["HillClimber"](problem)
+    tuner = names[name](problem)
     group = engine(task, [0, 1])
     for _ in range(2):
         segments = group.rollout(tuner.ask())
