@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -93,9 +94,8 @@ class UserTask(Task):
         self.signals, self.specs = dict(signals or {}), tuple(specs)
         self.objective = objective_text(self.specs, str(Objective(objective)))
         if signals or specs:
-            env_once = self._one_env()
-            self.sample_time = sample_time_of(sample_time, env_once)
-            env_once.close()
+            with closing(self._one_env()) as env_once:
+                self.sample_time = sample_time_of(sample_time, env_once)
             check(self.specs, self.signals, self.sample_time)
 
     def parts(self) -> dict[str, Any]:
@@ -135,16 +135,14 @@ class UserTask(Task):
 
     @cached_property
     def _action_space(self) -> gymnasium.Space:
-        env = self._one_env()
-        env.close()
-        return env.action_space
+        with closing(self._one_env()) as env_once:
+            return env_once.action_space
 
     @cached_property
     def shortest_horizon(self) -> int:
         """See `Task.shortest_horizon`; what the environment says."""
-        env = self._one_env()
-        env.close()
-        return shortest_horizon_of(env)
+        with closing(self._one_env()) as env_once:
+            return shortest_horizon_of(env_once)
 
     def with_plant(self, plant: Mapping[str, float]) -> UserTask:
         """Return the same task on a plant with other numbers; they no longer vary."""
@@ -155,11 +153,8 @@ class UserTask(Task):
 
     def varied(self, vary: Mapping[str, Bounds]) -> PlantNumbers:
         """Return what draws such numbers of the plant: whole ones where the plant's are whole."""
-        env = self._one_env()
-        try:
-            return PlantNumbers(env, {}, vary)
-        finally:
-            env.close()
+        with closing(self._one_env()) as env_once:
+            return PlantNumbers(env_once, {}, vary)
 
 
 def user_task(

@@ -29,7 +29,6 @@ class _Running:
 
     index: int
     first_row: int
-    horizon: int | None
     starts_episode: bool
     resume: dict[str, Any] | None
 
@@ -91,11 +90,12 @@ class RolloutEngine:
                 task has a `failure_penalty`, either ends the episode instead, and that step costs
                 so much.
         """
-        values = self._space.values(np.stack([p.x for p in proposals])) if proposals else None
+        x = np.array([p.x for p in proposals]).reshape(-1, self._space.dimension)
+        values = self._space.values(x)
         queues: list[deque[int]] = [deque() for _ in range(self.n)]
         for index, proposal in enumerate(proposals):
             queues[self._row_of[proposal.env_index]].append(index)
-        running: list[_Running | None] = [None] * self.n
+        running: dict[int, _Running] = {}
         remaining = np.full(self.n, -1, dtype=np.int64)
         active = np.zeros(self.n, dtype=bool)
         record = Recording(self.n, self._observations.shape[1:], self._action_shape)
@@ -103,11 +103,9 @@ class RolloutEngine:
 
         def begin(env_index: int) -> None:
             active[env_index] = bool(queues[env_index])
-            running[env_index] = None
             if not active[env_index]:
                 return
             index = queues[env_index].popleft()
-            assert values is not None
             self._values[:, env_index] = values[index]
             running[env_index] = self._stand(env_index, index, proposals[index], record.rows)
             horizon = proposals[index].horizon
@@ -126,7 +124,6 @@ class RolloutEngine:
                 continue
             for env_index in np.flatnonzero(over).tolist():
                 run = running[env_index]
-                assert run is not None
                 ended, cut = bool(terminated[env_index]), bool(truncated[env_index])
                 segment = Segment(
                     proposal=proposals[run.index],
@@ -137,13 +134,11 @@ class RolloutEngine:
                     **record.cut(run.first_row, env_index, self._observations[env_index]),
                 )
                 segments[run.index] = self._judge.judged(segment)
-                self._needs_reset[env_index] = ended or cut
                 if ended or cut:
                     self._controllers.begin(env_index)
+                self._needs_reset[env_index] = ended or cut or segment.proposal.seed is not None
                 if run.resume is not None:
                     self._restore_env(env_index, run.resume)
-                elif proposals[run.index].seed is not None:
-                    self._needs_reset[env_index] = True
                 begin(env_index)
         return [segment for segment in segments if segment is not None]
 
@@ -177,13 +172,11 @@ class RolloutEngine:
             if env_index not in self._failures:
                 self._failures[env_index] = self._priced_here(failure, env_index)
         if self._failures:
-            failed = np.zeros(self.n, dtype=bool)
-            failed[list(self._failures)] = True
+            failed = np.isin(np.arange(self.n), list(self._failures))
             terminated, truncated = terminated | failed, truncated & ~failed
             costs = np.where(failed, self._penalty, costs)
-        actions = infos.get("actions", commands)
         diagnostics = {**diagnostics, **infos.get("measured", {})}
-        return actions, commands, costs, terminated, truncated, diagnostics
+        return infos.get("actions", commands), commands, costs, terminated, truncated, diagnostics
 
     def _priced(self, failure: ZoacError, told: str) -> str:
         """Return what is told of a failure, if the task prices failures; else raise it.
@@ -201,7 +194,6 @@ class RolloutEngine:
 
     def _stand(self, env_index: int, index: int, proposal: Proposal, row: int) -> _Running:
         """Bring an environment to where `proposal` starts."""
-        resume = None
         if proposal.seed is not None:
             resume = self._saved_env(env_index)
             if resume is None:
@@ -212,9 +204,8 @@ class RolloutEngine:
             if self._needs_reset[env_index] or whole_episode:
                 seed, self._first_seeds[env_index] = self._first_seeds[env_index], None
                 self._reset(env_index, seed)
-            if proposal.restore:
-                resume = self._saved_env(env_index)
-        return _Running(index, row, proposal.horizon, bool(self._steps[env_index] == 0), resume)
+            resume = self._saved_env(env_index) if proposal.restore else None
+        return _Running(index, row, bool(self._steps[env_index] == 0), resume)
 
     def _begin_anew(self, env_index: int) -> None:
         """Have an environment that failed or cannot be restored begin a new episode next."""
@@ -223,10 +214,8 @@ class RolloutEngine:
         self._first_seeds[env_index] = seed
 
     def _reset(self, env_index: int, seed: int | None) -> None:
-        mask = np.zeros(self.n, dtype=bool)
-        mask[env_index] = True
-        seeds: list[int | None] = [None] * self.n
-        seeds[env_index] = seed
+        mask = np.arange(self.n) == env_index
+        seeds = [seed if row == env_index else None for row in range(self.n)]
         self._steps[env_index] = 0
         observations, infos = self._env.reset(seed=seeds, options={"reset_mask": mask})
         if (failure := infos.get("failures", {}).get(env_index)) is not None:
