@@ -133,6 +133,24 @@ def test_an_interval_that_cannot_be_told_is_left_out(costs):
     assert "±" not in stream.getvalue()
 
 
+def test_short_choices_of_a_tuner_share_a_line():
+    console = Console(5000, stream=(stream := io.StringIO()))
+    choices = {"start": "baseline", "hard specs": "chosen on held-out episodes", "sigma": 0.25}
+    console.start({**RUN, "tuner_choices": choices})
+    _, *lines = stream.getvalue().splitlines()
+    assert lines == ["  hard specs: chosen on held-out episodes", "  start: baseline, sigma: 0.25"]
+
+
+def test_large_costs_are_wrapped():
+    console = Console(5000, stream=(stream := io.StringIO()))
+    costs = [6.72e5 + 1000.0 * k for k in range(20)]
+    baseline = {"cost_per_episode": [1.373e6 + 17_000.0 * k for k in range(20)]}
+    console.finish(result(cost_per_episode=costs, baseline=baseline))
+    lines = stream.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80
+    assert "on the same 20 episodes" in " ".join(" ".join(lines).split())
+
+
 def test_sentences_are_wrapped_and_a_callbacks_stop_is_told():
     console = Console(5000, stream=(stream := io.StringIO()))
     console.finish(result(warnings=["word " * 40], stopped_by="Patience", env_steps=1200))

@@ -3,6 +3,7 @@ import time
 import pytest
 
 from zoac.loggers.flatten import numbers
+from zoac.runs.log import RunLog
 
 RUN = {"task": "t", "tuner": "x", "seed": 0, "variant": None, "config": {"a": {"b": 1}}}
 ROW = {"kind": "eval", "env_steps": 10, "cost_mean": 2.0, "final": False, "x": [1.0],
@@ -51,3 +52,38 @@ def test_tensorboard_shows_rows_that_come_again_once(tmp_path):
     stopped, resumed = [(0, 4.0), (10, 3.0), (20, 2.0)], [(10, 3.0), (20, 2.0), (30, 1.0)]
     assert shown(tmp_path, stopped, resumed) == [(0, 4.0), (10, 3.0), (20, 2.0), (30, 1.0)]
     assert shown(tmp_path, [(0, 5.0)]) == [(0, 5.0)]  # resume=overwrite
+
+
+class Plain:
+    """A logger with the three methods that every logger has."""
+
+    def __init__(self):
+        self.rows, self.kept = 0, []
+
+    def start(self, run):
+        pass
+
+    def row(self, row):
+        self.rows += 1
+
+    def finish(self, result):
+        pass
+
+
+class Remembering(Plain):
+    def resume(self, rows):
+        self.kept = [row["env_steps"] for row in rows]
+
+
+def test_a_logger_that_wants_them_gets_the_rows_that_a_resumed_run_keeps(tmp_path):
+    log = RunLog(tmp_path, {"format": 1})
+    log.row("eval", {"env_steps": 0}, {"cost_mean": 1.0})
+    size = log.size()
+    log.row("eval", {"env_steps": 100}, {"cost_mean": 2.0})
+    log.close()
+    again = RunLog(tmp_path, {"format": 1}, [kept := Remembering(), plain := Plain()])
+    again.rewind(size)
+    again.row("eval", {"env_steps": 100}, {"cost_mean": 2.0})
+    again.close()
+    assert kept.kept == [0]
+    assert plain.rows == 1

@@ -23,6 +23,12 @@ WIDTH = 80
 BAR = "{desc}{percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} steps, {remaining} left{postfix}"
 """The line that moves, for tqdm."""
 
+MAX_SHORT = 24
+"""Columns of a tuner's choice that shares a line with others."""
+
+KEPT = "\xa0"
+"""A space at which no line is broken."""
+
 MIN_BAR = 4
 """Columns that the bar keeps; figures that do not fit beside it are left out."""
 
@@ -68,9 +74,15 @@ class Console:
         self._say(f"{self._name}{variant}: {self._budget:,} steps{told}")
         if run.get("episodes"):
             self._say(f"  episodes: {run['episodes']}")
+        short = []
         for choice, value in run["tuner_choices"].items():
-            shown = format(value, ".6g") if isinstance(value, float) else value
-            self._say(f"  {choice}: {shown}")
+            told = f"{choice}: {format(value, '.6g') if isinstance(value, float) else value}"
+            if len(told) <= MAX_SHORT:
+                short.append(told.replace(" ", KEPT))
+            else:
+                self._say(f"  {told}")
+        if short:
+            self._say(f"  {', '.join(short)}")
 
     def resume(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Take what the rows say that the run has already."""
@@ -110,7 +122,7 @@ class Console:
         if (more := len(parameters) - MAX_PARAMETERS) > 0:
             self._print(f"  and {more} more in result.json")
         for line in summary.cost_lines(result):
-            self._print(f"  {line}")
+            self._say(f"  {line}")
         if (test := result.get("acceptance_test")) is not None:
             verdict = "the answer beats" if test["accepted"] else "no better was found, it is"
             pairs = f"{test['pairs']} pairs of episodes"
@@ -175,7 +187,7 @@ class Console:
         for line in textwrap.wrap(
             text, WIDTH, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
         ):
-            self._print(line)
+            self._print(line.replace(KEPT, " "))
 
     def _print(self, text: str) -> None:
         if self._brief:
