@@ -123,7 +123,7 @@ def kept(path: Path = TABLE) -> list[Panel]:
 
 def draw(panels: Sequence[Panel], folder: Path = FIGURES) -> None:
     """Write the figure of `docs/solver.md`."""
-    figure, axes = pyplot().subplots(2, 2, figsize=(9, 6.4), layout="constrained")
+    figure, axes = pyplot().subplots(2, 2, figsize=(6.6, 5.2), layout="constrained")
     looks = dict(zip(SHOWN, style.cycle(), strict=False))
     for axis, (what, sizes, curves) in zip(axes.flat, panels, strict=True):
         for name, values in curves.items():

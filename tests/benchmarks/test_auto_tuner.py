@@ -6,7 +6,6 @@ import pytest
 from benchmarks.auto_problems import HELD_OUT, LANDER, PROBLEMS, land, without_baseline
 from benchmarks.auto_tuner import EXPERIMENTS, MODELS, TUNERS, jobs, scores, table
 
-
 EVERYWHERE = {
     name: make
     for name, make in {**PROBLEMS, **HELD_OUT}.items()
