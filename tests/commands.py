@@ -1,7 +1,8 @@
 """Commands in processes of their own, forked from one that has imported the libraries.
 
-A command line imports for three seconds and often works for less than one. Here it imports zoac
-alone; all else is as in a process that a shell has started.
+A command that learns with PyTorch imports for three seconds and works for less than one. Here it
+imports zoac alone; all else is as in a process that a shell has started. Commands without PyTorch
+gain nothing.
 """
 
 import atexit

@@ -12,6 +12,7 @@ import json
 import os
 import random
 import runpy
+import select
 import sys
 import tempfile
 import types
@@ -20,31 +21,28 @@ from pathlib import Path
 
 LIBRARIES = (
     "clarabel", "cma", "cvxpy", "gymnasium", "hydra", "matplotlib.pyplot", "nevergrad", "numba",
-    "numpy", "optuna", "pandas", "pydantic", "scipy.stats", "sklearn.gaussian_process",
-    "torch._dynamo",
+    "numpy", "pandas", "pydantic", "scipy.stats", "torch._dynamo",
 )  # fmt: skip
 
 
 def forked() -> dict:
     """Fork for each order; return the order in each process that is to carry it out."""
-    for line in sys.stdin:
-        with suppress(ChildProcessError):  # there is none
-            while os.waitpid(-1, os.WNOHANG)[0]:
-                pass
-        order = json.loads(line)
-        if os.fork():
+    running: dict[int, str] = {}
+    while True:
+        ready, *_ = select.select([sys.stdin], [], [], 0.01 if running else None)
+        while running and (ended := os.waitpid(-1, os.WNOHANG))[0]:
+            told = Path(running.pop(ended[0]), "code")
+            told.with_suffix(".part").write_text(str(os.waitstatus_to_exitcode(ended[1])))
+            told.with_suffix(".part").rename(told)
+        if not ready:
             continue
-        # A process for each command waits for its end; this one is ready for the next order.
-        command = os.fork()
-        if not command:
+        order = json.loads(sys.stdin.readline() or "null")
+        if order is None:
+            os._exit(0)
+        if not (command := os.fork()):
             return order
+        running[command] = order["output"]
         os.write(1, b"%d\n" % command)
-        code = os.waitstatus_to_exitcode(os.waitpid(command, 0)[1])
-        told = Path(order["output"], "code")
-        told.with_suffix(".part").write_text(str(code))
-        told.with_suffix(".part").rename(told)
-        os._exit(0)
-    os._exit(0)
 
 
 def become(order: dict) -> list[str]:

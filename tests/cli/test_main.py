@@ -1,20 +1,23 @@
 """The command `zoac`."""
 
 import os
+import subprocess
+import sys
 from importlib import import_module
-from pathlib import Path
 
 import pytest
 
 import zoac
-from tests import commands
 from zoac.cli.main import COMMANDS, completions
 
 CODE = "import sys; from zoac.cli.main import main; main()"
 
 
 def command(*arguments, **environment):
-    return commands.run("-c", CODE, *arguments, cwd=Path.cwd(), env={**os.environ, **environment})
+    return subprocess.run(
+        [sys.executable, "-c", CODE, *arguments], capture_output=True, text=True, check=False,
+        env={**os.environ, **environment},
+    )  # fmt: skip
 
 
 def test_every_command_is_a_module_with_a_main():

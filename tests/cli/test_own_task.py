@@ -2,12 +2,12 @@
 
 import json
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests import commands
 from zoac.cli.help import usage
 from zoac.config.compose import compose_config, own_conf
 from zoac.config.validate import locate
@@ -30,8 +30,10 @@ def folder(tmp_path, monkeypatch):
 
 
 def run(folder, *arguments, module="zoac.run"):
-    env = {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(folder)}
-    return commands.run("-m", module, *arguments, cwd=folder, env=env)
+    return subprocess.run(
+        [sys.executable, "-m", module, *arguments], cwd=folder, capture_output=True, text=True,
+        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(folder)}, timeout=300,
+    )  # fmt: skip
 
 
 def test_it_is_tuned_from_its_folder_in_this_process_and_in_others(folder):

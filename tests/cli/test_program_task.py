@@ -1,13 +1,13 @@
 """`task=program` on the command line runs experiments, and nothing else."""
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 import zoac
-from tests import commands
 from zoac.config.factory import PROGRAM
 from zoac.config.validate import locate
 from zoac.core.errors import ConfigError
@@ -34,8 +34,11 @@ def tuned(tmp_path):
         given = ["task=program", f"task.command=[{sys.executable},simulate.py]",
                  "task.space={kp:{low:0,high:20,baseline:9},ki:[0,5]}", "task.baseline={ki:1}",
                  "task.experiments=12", "tuner=random", "variant=mine", *arguments]  # fmt: skip
-        env = {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
-        return commands.run("-m", module, *given, cwd=tmp_path, env=env)
+        return subprocess.run(
+            [sys.executable, "-m", module, *given], cwd=tmp_path, capture_output=True, text=True,
+            env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)},
+            timeout=300, check=False,
+        )  # fmt: skip
 
     return run
 

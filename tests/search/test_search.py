@@ -6,6 +6,7 @@ import os
 import pickle
 import shutil
 import signal
+import subprocess
 import sys
 import time
 from contextlib import ExitStack
@@ -13,7 +14,6 @@ from pathlib import Path
 
 import pytest
 
-from tests import commands
 from tests.support import Traps, with_a_trap
 from zoac.core.errors import ConfigError, ControllerError
 from zoac.runs import checkpoint
@@ -236,8 +236,11 @@ COMMAND = [
 
 
 def start(*arguments, cwd):
-    env = {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd)}
-    return commands.Started("-m", "zoac.search", *COMMAND, *arguments, cwd=cwd, env=env)
+    return subprocess.Popen(
+        [sys.executable, "-m", "zoac.search", *COMMAND, *arguments], cwd=cwd, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd)},
+    )  # fmt: skip
 
 
 def outcome(folder):

@@ -2,13 +2,14 @@
 
 import math
 import os
+import subprocess
+import sys
 from pathlib import Path
 from textwrap import dedent
 
 import pytest
 
 import zoac
-from tests import commands
 from tests.specs.loops_to_tune import tuned
 from zoac import check
 from zoac.config.compose import compose_config, resolved
@@ -46,8 +47,9 @@ def run(*more):
     """Tune on the command line, in a process of its own."""
     options = ("task=lag", "tuner=random", "budget=1200", "num_envs=2", "eval_every=120",
                "evaluation.episodes=3", "evaluation.final_episodes=4", "variant=mine")  # fmt: skip
-    env = {**os.environ, "PYTHONPATH": str(Path(zoac.__file__).parents[1])}
-    return commands.run("-m", "zoac.run", *options, *more, cwd=Path.cwd(), env=env)
+    command = [sys.executable, "-m", "zoac.run", *options, *more]
+    paths = {"PYTHONPATH": str(Path(zoac.__file__).parents[1])}
+    return subprocess.run(command, env={**os.environ, **paths}, capture_output=True, text=True)
 
 
 def test_the_command_line_and_python_give_the_same_answer_and_table(folder):

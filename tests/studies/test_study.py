@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 
 import zoac
-from tests import commands
 from zoac.core.errors import (
     ConfigError,
     NothingWorksError,
@@ -375,8 +374,9 @@ def test_report_and_curves_read_a_finished_study(tmp_path):
     for trial in made:
         answer(made, trial)
     for command in ("report", "curves"):
-        words = [f"zoac.analysis.{command}", tmp_path, "--out", tmp_path / command]
-        done = commands.run("-m", *words, cwd=tmp_path)
+        words = [sys.executable, "-m", f"zoac.analysis.{command}", str(tmp_path), "--out",
+                 str(tmp_path / command)]  # fmt: skip
+        done = subprocess.run(words, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         assert any((tmp_path / command).rglob("*"))
     result = zoac.load_result(tmp_path / "rig")
