@@ -30,7 +30,7 @@ class Counting(ClarabelSolver):
     def __init__(self) -> None:
         super().__init__()
         self.statuses: Counter[tuple[str, str]] = Counter()
-        self.solves = self.active = self.not_finite = 0
+        self.solves = self.active = self.not_finite = self.without_plan = 0
 
     def solve(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
         """See `Solver`."""
@@ -38,6 +38,8 @@ class Counting(ClarabelSolver):
         kind = "robust" if robust else "fast"
         for status in answer.status:
             self.statuses[kind, Status(status).name] += 1
+        # A failed solve is followed by a robust one, unless its numbers are not finite.
+        self.without_plan += int((answer.status != Status.SOLVED).sum()) if robust else 0
         self.not_finite += int((~np.isfinite(answer.inputs)).sum())
         if not robust:
             self.solves += len(answer.status)
@@ -111,21 +113,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--solves", type=int, default=100_000)
     options = parser.parse_args()
-    solver, rng = Counting(), np.random.default_rng(0)
-    soft, hard = batches(False, solver), batches(True, solver)
+    solvers, rng = {"soft": Counting(), "hard": Counting()}, np.random.default_rng(0)
+    made = {kind: batches(kind == "hard", solver) for kind, solver in solvers.items()}
     count = not_finite = 0
-    while solver.solves < options.solves:
-        actions = (hard if count % 5 == 4 else soft)[(count // 5 + count) % 4](rng)
+    while sum(solver.solves for solver in solvers.values()) < options.solves:
+        actions = made["hard" if count % 5 == 4 else "soft"][(count // 5 + count) % 4](rng)
         not_finite += int((~np.isfinite(actions)).sum())
         count += 1
-    print(
-        f"{solver.solves} solves, a state's bound active in {solver.active / solver.solves:.1%}; "
-        f"{not_finite} inputs applied and {solver.not_finite} planned that are not finite"
-    )
-    for (kind, name), number in sorted(solver.statuses.items()):
-        print(f"{number:9d} {kind:6s} {name}: {Status[name].sentence}")
-    total = sum(n for (kind, _), n in solver.statuses.items() if kind == "fast")
-    print(f"every status accounted for: {total == solver.solves}")
+    print(f"{not_finite} inputs applied that are not finite")
+    for kind, solver in solvers.items():
+        print(
+            f"{kind} bounds: {solver.solves} solves, a state's bound active in "
+            f"{solver.active / solver.solves:.1%}; {solver.not_finite} inputs planned that are not "
+            f"finite; {solver.without_plan} without a plan after a second attempt"
+        )
+        for (attempt, name), number in sorted(solver.statuses.items()):
+            print(f"{number:9d} {attempt:6s} {name}: {Status[name].sentence}")
+        total = sum(n for (attempt, _), n in solver.statuses.items() if attempt == "fast")
+        print(f"every status accounted for: {total == solver.solves}")
 
 
 if __name__ == "__main__":
