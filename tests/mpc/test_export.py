@@ -94,18 +94,19 @@ def test_the_c_replays_a_logged_closed_loop(system, changes, tuned, tmp_path):
 
 @needs_gcc
 def test_where_no_plan_is_found_the_inputs_rest_is_applied(tmp_path):
-    mpc = cart_pole(1, 0, linearisations=2, hard=("position", "angle"), penalty=None,
-                    terminal=None, reference={"force": 0.7}).mpc  # fmt: skip
+    changes = {"hard": ("position", "angle"), "penalty": None, "terminal": None}
+    changes |= {"reference": {"force": 0.7}, "initial_guess": "shifted"}
+    mpc = cart_pole(1, 0, linearisations=2, **changes).mpc
     compiled = exported(mpc, tmp_path)
+    inside = np.array([0.1, 0.0, 0.01, 0.0])
+    wanted = mpc.act({}, inside[None], mpc.init(1))[0][0]
     for obs in ([5.0, 0.0, 0.0, 0.0], [np.nan, 0.0, 0.0, 0.0], [0.0, np.inf, 0.0, 0.0]):
+        compiled.reset()
+        action, failed = compiled(inside)
+        assert failed == 0
+        assert abs(action[0] - wanted[0]) < 20.0 * TOLERANCE
         action, failed = compiled(obs)
         assert (action[0], failed) == (0.7, 1)
-    compiled.reset()
-    inside = np.array([0.1, 0.0, 0.01, 0.0])
-    action, failed = compiled(inside)
-    assert failed == 0
-    wanted = mpc.act({}, inside[None], mpc.init(1))[0][0]
-    assert abs(action[0] - wanted[0]) < 20.0 * TOLERANCE
 
 
 @needs_gcc
