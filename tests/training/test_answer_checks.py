@@ -8,6 +8,7 @@ from tests.support import CountingTask
 from tests.training.ziegler_nichols import PI, SPACE, STEPS, Plant
 from zoac.analysis import report
 from zoac.analysis.data.load import load
+from zoac.core.parameters import Parameter
 from zoac.runs.schema import read_metrics, read_result
 from zoac.training.answer_checks import warnings
 
@@ -46,6 +47,18 @@ def test_an_answer_that_fails_more_often_is_told_even_if_it_is_cheaper(key):
     answer = result_of(NOISE - 5, baseline=start, **{"violations": 0, key: 1})
     (told,) = warnings(answer, [])
     assert "more often than the baseline values: in 1 of 20 final episodes instead of 0" in told
+
+
+def test_values_at_the_edge_of_a_range_are_told_where_a_spec_is_not_met():
+    """Seen on a loop whose feasible integral gains were the lowest 0.4% of their range."""
+    parameters = [Parameter("ki", 0.0, 0.5), Parameter("kp", 0.0, 20.0),
+                  Parameter("tf", 1e-3, 1.0, "log")]  # fmt: skip
+    values = {"ki": 0.0027, "kp": 1.1, "tf": 0.0011}
+    unmet = {"spec": "overshoot", "limit": "<= 0.03", "value": 0.06, "broken": 20, "met": False}
+    _, told = warnings(result_of(NOISE, specs=[unmet], parameters=values), [], parameters)
+    assert told.startswith("ki=0.0027 lies at the edge of its range 0 to 0.5")
+    met = {**unmet, "met": True}
+    assert warnings(result_of(NOISE, specs=[met], parameters=values), [], parameters) == []
 
 
 def test_broken_constraints_are_told_by_name():

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from zoac.core.parameters import Parameter
 from zoac.specs.verdict import OF_A_SPEC
 from zoac.strategies.paired_comparison import MIN_PAIRS, clearly_higher
 
@@ -14,18 +15,28 @@ CLEAR = 0.02
 """Part of its cost by which an earlier evaluation must be better to be worth a warning."""
 
 
-def warnings(result: Mapping[str, Any], evaluations: Sequence[Mapping[str, Any]]) -> list[str]:
+EDGE = 0.02
+"""Part of a range in which changes of a parameter are too small for most tuners to find."""
+
+
+def warnings(
+    result: Mapping[str, Any],
+    evaluations: Sequence[Mapping[str, Any]],
+    parameters: Sequence[Parameter] = (),
+) -> list[str]:
     """Return what is wrong with the answer of a run, one sentence each; [] if nothing is.
 
     Args:
         result: The content of `result.json`.
         evaluations: Rows of the evaluations while tuning.
+        parameters: What was tuned.
     """
     return [
         *_of_the_cost(result),
         *_of_the_start(result),
         *_of_constraints(result),
-        *_of_specs(result),
+        *(unmet := _of_specs(result)),
+        *(_of_ranges(result["parameters"], parameters) if unmet else []),
         *_of_evaluations(result, evaluations),
         *_of_the_acceptance_test(result),
     ]
@@ -86,6 +97,17 @@ def _of_specs(result: Mapping[str, Any]) -> list[str]:
         f"{row['broken']} of {episodes} final episodes."
         for row in result.get("specs", [])
         if row["met"] is False
+    ]
+
+
+def _of_ranges(values: Mapping[str, Any], parameters: Sequence[Parameter]) -> list[str]:
+    """Say, where a spec is not met, which values the search may have been too coarse for."""
+    return [
+        f"{p.name}={values[p.name]:.4g} lies at the edge of its range {p.low:g} to {p.high:g}, "
+        "where small changes are hard to find: give a range around it, or a log scale."
+        for p in parameters
+        if p.kind == "real" and p.scale == "linear"
+        if not EDGE <= (values[p.name] - p.low) / (p.high - p.low) <= 1.0 - EDGE
     ]
 
 

@@ -193,7 +193,8 @@ class Trainer:
         }
         if self._callbacks.stopped_by:
             result["stopped_by"] = self._callbacks.stopped_by
-        written = self._log.finish({**result, "warnings": warnings(result, earlier)})
+        told = warnings(result, earlier, self._task.space.parameters)
+        written = self._log.finish({**result, "warnings": told})
         self._callbacks.end(written)
         return written
 
