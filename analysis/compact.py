@@ -47,6 +47,9 @@ TIMES = "*"
 OF_ONE_RUN = ("seed", "config_hash", "command", "started")
 """Keys of run.json that belong to a single run."""
 
+OF_ONE_LAUNCH = ("seed", "runs_dir")
+"""Keys of a configuration that say which run it was and where, not how."""
+
 LEFT_OUT = ("x", "config_hash", "format")
 """Of a result: what follows from parameters and run.json."""
 
@@ -162,7 +165,7 @@ def methods_json(runs: Iterable[Run]) -> str:
     for group in by_method(runs).values():
         refuse_mixed(group)
         record = {k: v for k, v in group[0].identity.items() if k not in OF_ONE_RUN}
-        config = {k: v for k, v in record["config"].items() if k != "seed"}
+        config = {k: v for k, v in record["config"].items() if k not in OF_ONE_LAUNCH}
         lines.append(json.dumps(record | {"config": config}))
     return "[\n" + ",\n".join(lines) + "\n]\n"
 

@@ -1,5 +1,7 @@
 """The reproduction's tables and figures come from `results/`, byte for byte."""
 
+import json
+import re
 from pathlib import Path
 
 import matplotlib
@@ -19,6 +21,13 @@ def same_bytes(made: Path, kept: Path) -> None:
     assert names
     for name in names:
         assert (made / name).read_bytes() == (kept / name).read_bytes(), name
+
+
+def test_no_path_of_a_machine_is_kept():
+    for path in RESULTS.rglob("methods.json"):
+        for method in json.loads(path.read_text()):
+            assert "runs_dir" not in method["config"], path
+            assert not re.search(r'"(/|~|[A-Z]:)', json.dumps(method)), path
 
 
 def test_table_2_rebuilds(tmp_path):

@@ -116,6 +116,16 @@ def test_one_record_serves_all_seeds_of_a_method(small):
     assert [record["tuner"] for record in records] == ["bo", "nominal", "zoac"]
 
 
+def test_where_runs_lay_is_not_kept(tmp_path):
+    folder = write_run(tmp_path / "runs")
+    for name in ("run.json", "result.json"):
+        record = json.loads((folder / name).read_text())
+        record.setdefault("config", {})["runs_dir"] = str(tmp_path)
+        (folder / name).write_text(json.dumps(record))
+    assert compact.main([str(tmp_path / "runs"), "--out", str(tmp_path / "kept")]) == 0
+    assert str(tmp_path) not in (tmp_path / "kept" / "methods.json").read_text()
+
+
 def test_a_folder_of_another_format_is_refused_and_named(small, capsys):
     (small / "methods.json").write_text('{"methods": []}')
     assert table2.main([str(small)]) == 1
