@@ -87,3 +87,14 @@ def test_a_logger_that_wants_them_gets_the_rows_that_a_resumed_run_keeps(tmp_pat
     again.close()
     assert kept.kept == [0]
     assert plain.rows == 1
+
+
+def test_a_logger_without_rows_is_switched_off_in_words(tmp_path, capsys):
+    class Mistyped:
+        def start(self, run):
+            pass
+
+    log = RunLog(tmp_path, {"format": 1}, [Mistyped()])
+    log.row("eval", {"env_steps": 0}, {"cost_mean": 1.0})
+    log.close()
+    assert "Mistyped failed and is switched off: " in capsys.readouterr().err

@@ -95,7 +95,7 @@ class RunLog:
             self._file.truncate(size)
             self._file.seek(size)
         if size:
-            self._forward("resume", self.rows())
+            self._forward("resume", self.rows(), optional=True)
 
     def save_checkpoint(self, state: Any) -> None:
         """Write a checkpoint of this run; rows so far are on the disk before it is.
@@ -121,12 +121,13 @@ class RunLog:
         """Close the file."""
         self._file.close()
 
-    def _forward(self, verb: str, content: Any) -> None:
-        """Call a method of every logger that has it."""
+    def _forward(self, verb: str, content: Any, optional: bool = False) -> None:
+        """Call a method of every logger; one without an optional method is left alone."""
         for logger in list(self._loggers):
+            if optional and not hasattr(logger, verb):
+                continue
             try:
-                if hasattr(logger, verb):
-                    getattr(logger, verb)(content)
+                getattr(logger, verb)(content)
             except Exception as error:  # a logger must not end a run, whatever it raises
                 self._loggers.remove(logger)
                 name = type(logger).__name__
