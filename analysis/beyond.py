@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 import pandas as pd
 
-from zoac.analysis import cli
+from zoac.analysis.data import cli
 from zoac.analysis.data.fairness import refuse_mixed, refuse_unequal
 from zoac.analysis.data.runs import Run
 from zoac.analysis.figures.labels import TASKS, TUNERS

@@ -59,7 +59,7 @@ OF_ONE_EVALUATION = ("kind", "final", "parameters", "episode_lengths", "baseline
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the three files; return the exit code."""
-    from zoac.analysis import cli  # which loads runs, and so reads this module
+    from zoac.analysis.data import cli  # which loads runs, and so reads this module
 
     parser = cli.parser("compact", "Runs in three small files.", "compact")
     parser.add_argument(

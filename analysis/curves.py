@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from zoac.analysis import cli
+from zoac.analysis.data import cli
 from zoac.analysis.data.fairness import refuse_mixed, refuse_unequal
 from zoac.analysis.data.frames import numbers
 from zoac.analysis.data.runs import Collection, Method, Run, by_method

@@ -19,8 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from zoac.analysis import cli
-from zoac.analysis.data import replay
+from zoac.analysis.data import cli, replay
 from zoac.analysis.data.runs import Run, by_method
 from zoac.analysis.data.selection import chosen, median_run
 from zoac.analysis.figures import style

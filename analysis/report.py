@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from zoac.analysis import cli, robustness
+from zoac.analysis import robustness
+from zoac.analysis.data import cli
 from zoac.analysis.data.runs import Collection
 from zoac.analysis.data.selection import chosen
 from zoac.analysis.figures import style

@@ -19,7 +19,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from zoac.analysis import cli
+from zoac.analysis.data import cli
 from zoac.analysis.data.plants import (
     BASELINE,
     STEP,

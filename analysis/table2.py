@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from zoac.analysis import cli
+from zoac.analysis.data import cli
 from zoac.analysis.data.runs import Collection
 from zoac.analysis.figures.labels import family
 from zoac.analysis.pages.formatting import (

@@ -16,8 +16,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from zoac.analysis import cli
-from zoac.analysis.data import replay
+from zoac.analysis.data import cli, replay
 from zoac.analysis.data.baseline import Before, before
 from zoac.analysis.data.runs import Run
 from zoac.analysis.data.selection import chosen

@@ -1,119 +1,38 @@
-"""Plants of the PID literature, and a simulation independent of `zoac.envs`.
+"""A simulation of the suite's loops that is independent of `zoac.envs`.
 
-The plants are drawn from a seed; `benchmarks.loop_specs` finds specs for each.
-
-The simulation differs from `zoac.envs.linear_loop` in its method: python-control samples the plant
-four times per sample, the dead time is a whole number of these, and the PID is written out again.
+`benchmarks.loop_specs` finds specs for each plant of `zoac.tasks.suite.loops`. The simulation
+differs from `zoac.envs.linear_loop` in its method: python-control samples the plant four times per
+sample, the dead time is a whole number of these, and the PID is written out again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import control
 import numpy as np
 
+from zoac.tasks.suite.loops import Plant
+
 FINE = 4
 """Steps of the simulation per sample."""
 
-CLASSES = (
-    "one lag", "two lags", "integrating", "many lags", "inverse response", "lightly damped",
-    "unstable",
-)  # fmt: skip
 NAMES = ("Kp", "Ki", "Kd", "Tf")
 
 
-@dataclass(frozen=True)
-class Plant:
-    """One plant of the suite.
-
-    Args:
-        index: Number in the suite.
-        kind: One of `CLASSES`.
-        system: Continuous, without its dead time.
-        dead_time: A multiple of a quarter of the sample time [s].
-        sample_time: [s].
-        structure: "PI" or "PID".
-        input_limits: Smallest and largest input.
-        noise: Standard deviation of the measurement; the reference's step is 1.
-        scale: Sum of time constants and dead time [s].
-    """
-
-    index: int
-    kind: str
-    system: Any = field(repr=False)
-    dead_time: float
-    sample_time: float
-    structure: str
-    input_limits: tuple[float, float]
-    noise: float
-    scale: float
-
-    @cached_property
-    def fine(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A, B and C at a quarter of the sample time."""
-        space = control.sample_system(control.ss(self.system), self.sample_time / FINE, "zoh")
-        return space.A, space.B[:, 0], space.C[0]
-
-    @property
-    def lag(self) -> int:
-        """Dead time in quarters of a sample."""
-        return round(self.dead_time * FINE / self.sample_time)
+@cache
+def fine(plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return A, B and C of a plant at a quarter of the sample time."""
+    space = control.sample_system(control.ss(plant.system), plant.sample_time / FINE, "zoh")
+    return space.A, space.B[:, 0], space.C[0]
 
 
-def draw(index: int, seed: int = 0) -> Plant:
-    """Return one plant of the suite."""
-    rng = np.random.default_rng([seed, index])
-    kind = CLASSES[index % len(CLASSES)]
-    unit = 10.0 ** rng.uniform(-1.0, 1.5)  # [s]
-    gain = rng.choice([1.0, 1.0, 1.0, -1.0]) * 10.0 ** rng.uniform(-0.5, 0.7)
-    s = control.tf([unit, 0], [1])
-    dead = 10.0 ** rng.uniform(-1.0, 0.3)
-    lags, extra = 1.0, 0.0
-    if kind == "one lag":
-        shape = 1 / (s + 1)
-    elif kind == "two lags":
-        second = rng.uniform(0.2, 1.0)
-        shape, lags = 1 / ((s + 1) * (second * s + 1)), 1.0 + second
-    elif kind == "integrating":
-        second = rng.choice([0.0, rng.uniform(0.1, 0.6)])
-        shape, lags = 1 / (s * (second * s + 1)), second
-        dead = rng.uniform(0.3, 1.0)
-    elif kind == "many lags":
-        order = int(rng.integers(3, 9))
-        shape, lags, dead = 1 / (s + 1) ** order, float(order), rng.uniform(0.0, 0.5)
-    elif kind == "inverse response":
-        extra = rng.uniform(0.3, 1.5)
-        shape, lags, dead = (1 - extra * s) / (s + 1) ** 3, 3.0, rng.uniform(0.0, 0.5)
-    elif kind == "lightly damped":
-        zeta = rng.uniform(0.1, 0.4)
-        shape = 1 / ((s * s + 2 * zeta * s + 1) * (s + 1))
-        lags, dead = 3.0, rng.uniform(0.1, 0.5)
-    else:
-        dead = rng.uniform(0.05, 0.2)
-        shape = 1 / (s - 1)
-    scale = (lags + dead + extra) * unit
-    sample_time = (dead + extra + 0.2 * lags) * unit / rng.uniform(6.0, 12.0)
-    quarter = sample_time / FINE
-    structure = str(rng.choice(["PI", "PID"])) if kind != "unstable" else "PID"
-    # The input that the step needs at rest, or of an integrating plant to be done in `scale`.
-    need = 1.0 / abs(gain) / (1.0 if kind != "integrating" else scale / unit)
-    most = need * rng.uniform(2.0, 5.0) * (2.0 if kind == "unstable" else 1.0)
-    other = most * rng.uniform(0.5, 1.0)
-    return Plant(
-        index,
-        kind,
-        gain * shape,
-        round(dead * unit / quarter) * quarter,
-        sample_time,
-        structure,
-        (-other, most) if gain > 0 else (-most, other),
-        rng.uniform(0.001, 0.01),
-        scale,
-    )
+def lag(plant: Plant) -> int:
+    """Return the dead time of a plant in quarters of a sample."""
+    return round(plant.dead_time * FINE / plant.sample_time)
 
 
 @dataclass(frozen=True)
@@ -144,12 +63,12 @@ def simulate(
         experiment: What happens.
         noises: Errors of the measurement (B, T + 1).
     """
-    a, b, c = plant.fine
+    a, b, c = fine(plant)
     kp, ki, kd, tf = (np.asarray(gains.get(name, 0.0), dtype=float) for name in NAMES)
     ts, rows = plant.sample_time, len(noises)
     low, high = plant.input_limits
     x, integral, filtered = np.zeros((rows, len(c))), np.zeros(rows), np.zeros(rows)
-    past = [np.zeros(rows) for _ in range(plant.lag)]
+    past = [np.zeros(rows) for _ in range(lag(plant))]
     outputs, last = [], None
     for k in range(experiment.steps + 1):
         y = x @ c
@@ -188,10 +107,10 @@ def figures(y: np.ndarray, plant: Plant, experiment: Experiment, band: float) ->
 
 def sampled_plant(plant: Plant) -> Any:
     """Return the plant at the samples as a python-control system, its dead time included."""
-    a, b, c = plant.fine
+    a, b, c = fine(plant)
     quarters = [np.linalg.matrix_power(a, i) @ b for i in range(FINE)]
     powers = np.linalg.matrix_power(a, FINE)
-    whole, rest = divmod(plant.lag, FINE)
+    whole, rest = divmod(lag(plant), FINE)
     # The last `rest` quarters of a step see the input one sample later than the first do.
     early = sum((quarters[i] for i in range(FINE - rest, FINE)), np.zeros_like(b))
     late = sum((quarters[i] for i in range(FINE - rest)), np.zeros_like(b))

@@ -22,13 +22,12 @@ import numpy as np
 from benchmarks.loop_plants import (
     NAMES,
     Experiment,
-    Plant,
-    draw,
     figures,
     margins,
     sampled_plant,
     simulate,
-)  # fmt: skip
+)
+from zoac.tasks.suite.loops import Plant, draw
 
 TABLE = Path(__file__).with_name("loops.csv")
 PLANTS = 100

@@ -23,12 +23,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.loop_plants import Experiment, Plant, draw, figures, simulate
+from benchmarks.loop_plants import Experiment, figures, simulate
 from benchmarks.loop_specs import Specs, read
 from zoac import specs as requirements
 from zoac.controllers import tuning_rules
 from zoac.core.errors import ConfigError
 from zoac.pid_tuning import PidResult, tune_pid
+from zoac.tasks.suite.loops import Plant, draw
 
 DRAWS = 20
 """Draws of the noise on which an answer is judged."""

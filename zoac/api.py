@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from zoac.config import factory
-from zoac.config.auto_tuner import tuner_for
+from zoac.config.auto_tuner import budget_of, tuner_for
 from zoac.config.files import AUTO, configuration
 from zoac.config.settings import Evaluation, Settings, whole_numbers
 from zoac.core.errors import ConfigError, Interrupted, suggest
@@ -36,7 +36,9 @@ from zoac.training.lifecycle import Run, execute
 RESUME = ("auto", "never", "overwrite")
 
 OTHER_SETTINGS = tuple(
-    f.name for f in fields(Settings) if f.name not in ("seed", "budget", "eval_every", "evaluation")
+    f.name
+    for f in fields(Settings)
+    if f.name not in ("seed", "budget", "experiments", "eval_every", "evaluation")
 )
 """What `tune` takes as `**settings`."""
 
@@ -48,7 +50,8 @@ def tune(
     controller: Any = None,
     space: ParameterSpace | Mapping[str, Any] | None = None,
     tuner: str = AUTO,
-    budget: int = 50_000,
+    budget: int | None = None,
+    experiments: int | None = None,
     seed: int = 0,
     baseline: Mapping[str, Any] | None = None,
     metrics: Sequence[Metric] | Mapping[str, Any] = (),
@@ -70,7 +73,6 @@ def tune(
     quiet: bool = False,
     callbacks: Sequence[Callback] = (),
     cost: Callable[[dict[str, Any]], Any] | None = None,
-    experiments: int | None = None,
     workers: int | None = None,
     **settings: Any,
 ) -> Result:
@@ -88,7 +90,9 @@ def tune(
             `scale`, `unit`, `baseline`; `(low, high, "integer")`; a dict with `choices`; or one
             number, which is fixed.
         tuner: Name of a tuner's config: "zoac", "bo", ...; "auto": see `zoac.config.auto_tuner`.
-        budget: Environment steps for tuning.
+        budget: Environment steps for tuning; 50,000 by default.
+        experiments: Instead of a budget: episodes of full length; or calls of `cost`, 60 by
+            default.
         seed: Of everything.
         baseline: Values in use today, with which the result is compared. A tuner may begin there.
         metrics: Reported beside the cost: `Metric`s, or functions of a segment by name.
@@ -124,7 +128,6 @@ def tune(
             returns its cost, or a dict of `cost`, `metrics` and `constraints`; or `zoac.program`.
             The run is then a `zoac.Study`, whose options apply; `constraints` are limits by name,
             and the default tuner stands for "auto".
-        experiments: Calls of `cost`, 60 by default; nothing else is run.
         workers: Calls of `cost` at a time, in threads; 1 by default.
         settings: `num_envs`, `initial_sigma`, `acceptance_test`, `select`, `initial_samples`,
             `common_random_numbers`, `failure_penalty`, `step_timeout`, ...: any other of
@@ -144,8 +147,10 @@ def tune(
     """
     if cost is not None:
         return from_tune(locals(), inspect.signature(tune).parameters)
-    if experiments is not None or workers is not None:
-        raise ConfigError("experiments and workers belong to cost=..., a function to minimise")
+    if workers is not None:
+        raise ConfigError("workers belong to cost=..., a function to minimise")
+    if None not in (budget, experiments):
+        raise ConfigError("give either budget or experiments, not both")
     of_task = {
         "baseline": baseline,
         "metrics": metrics,
@@ -163,6 +168,7 @@ def tune(
     followers = Callbacks(callbacks)
     of_user = {"env": env, "controller": controller, "space": space}
     the_task = given_task(task, of_user, of_task)
+    budget = budget_of(experiments, 50_000 if budget is None else budget, the_task)
     chosen = tuner_for(the_task, budget) if tuner == AUTO else None
     if chosen is not None:
         tuner, settings = chosen.tuner, {**chosen.settings, **settings}
@@ -188,7 +194,10 @@ def tune(
             raise ConfigError(f"zoac.tune has no option {name!r}; {suggest(name, known)}")
     if eval_every is None and is_number(budget):
         eval_every = int(max(1, budget // 10))
-    given = {"seed": seed, "budget": budget, "eval_every": eval_every, **settings}
+    given = {
+        "seed": seed, "budget": budget, "experiments": experiments, "eval_every": eval_every,
+        **settings,
+    }  # fmt: skip
     config |= whole_numbers(Settings, given)
     config["evaluation"] |= whole_numbers(
         Evaluation, {"episodes": episodes, "final_episodes": final_episodes}

@@ -12,8 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from zoac.analysis import cli
-from zoac.analysis.data import replay
+from zoac.analysis.data import cli, replay
 from zoac.analysis.data.runs import Run
 from zoac.analysis.figures import style
 from zoac.core.errors import ConfigError, RunFolderError, suggest

@@ -16,7 +16,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from zoac.analysis import cli
+from zoac.analysis.data import cli
 from zoac.analysis.data.runs import Method
 from zoac.analysis.figures.labels import stands_apart
 from zoac.runs import responses

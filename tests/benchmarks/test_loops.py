@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from benchmarks.loop_plants import Experiment, draw, figures, simulate
+from benchmarks.loop_plants import Experiment, figures, simulate
 from benchmarks.loop_specs import read
 from benchmarks.loops import judged
 from zoac.core.segments import Proposal
 from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.pid_loop import Design, designed
+from zoac.tasks.suite.loops import draw
 
 pytest.importorskip("control")
 

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import zoac
-from benchmarks.loop_plants import Experiment, Plant, figures, margins, simulate
+from benchmarks.loop_plants import Experiment, figures, margins, simulate
 from zoac import pid_tuning, specs
 from zoac.core.errors import ConfigError
 from zoac.pid import from_file, main
+from zoac.tasks.suite.loops import Plant
 
 control = pytest.importorskip("control")
 

@@ -128,8 +128,8 @@ def test_options_of_simulated_episodes_are_refused(options, says):
         tune(Counted(), **options)
 
 
-def test_experiments_need_a_cost():
+def test_workers_need_a_cost():
     with pytest.raises(ConfigError, match="belong to cost="):
-        zoac.tune(task="pid_acc", experiments=60)
+        zoac.tune(task="pid_acc", workers=2)
     with pytest.raises(ConfigError, match="expected a function of the parameters"):
         tune("./simulate")

@@ -66,10 +66,23 @@ def tuner_for(task: Task, budget: float) -> Choice:
     return Choice("zoac_plus", because)
 
 
+def budget_of(experiments: Any, budget: Any, task: Task) -> Any:
+    """Return the budget in environment steps.
+
+    Args:
+        experiments: Episodes of full length, which replace a budget; None: there is one.
+        budget: Environment steps.
+        task: What is tuned.
+    """
+    return experiments * task.horizon.steps if is_number(experiments) else budget
+
+
 def settled(
     config: Mapping[str, Any], task: Task, chosen: Mapping[str, str]
 ) -> tuple[dict[str, Any], Choice | None]:
-    """Return a configuration with the tuner that "auto" stands for; and the choice, if it was one.
+    """Return a configuration with its budget in steps and the tuner that "auto" stands for.
+
+    The choice of a tuner is returned beside it, if there was one.
 
     Args:
         config: Resolved, of the command line.
@@ -79,8 +92,9 @@ def settled(
     Raises:
         ConfigError: If the configuration has options for a tuner that is yet to be chosen.
     """
+    config = {**config, "budget": budget_of(config["experiments"], config["budget"], task)}
     if chosen["tuner"] != AUTO:
-        return dict(config), None
+        return config, None
     if options := option_names(config["tuner"]):
         raise ConfigError(
             f"tuner.{options[0]}: tuner={AUTO} has no options; name the tuner that has this one"

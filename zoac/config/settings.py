@@ -44,6 +44,7 @@ class Settings:
     Args:
         seed: Of everything but the evaluation episodes.
         budget: Environment steps for tuning; evaluation is not counted.
+        experiments: Episodes of full length for tuning; they replace `budget`.
         num_envs: Environments side by side.
         eval_every: Environment steps between evaluations.
         evaluation: Episodes of the evaluations.
@@ -72,6 +73,7 @@ class Settings:
 
     seed: Natural = 0
     budget: Natural = 500_000
+    experiments: Count | None = None
     num_envs: SideBySide = 10
     eval_every: Count = 10_000
     evaluation: Evaluation = Evaluation()
@@ -88,7 +90,7 @@ class Settings:
 CHANGES_THE_METHOD = tuple(
     f.name
     for f in fields(Settings)
-    if f.default is None and f.name not in ("failure_penalty", "step_timeout")
+    if f.default is None and f.name not in ("experiments", "failure_penalty", "step_timeout")
 )
 """Settings that are off unless given, and then are part of the method: compared runs may differ in
 them. What a failure is and costs is part of the task."""

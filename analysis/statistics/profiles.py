@@ -1,0 +1,139 @@
+"""How tuners compare over many problems: scores, performance profiles, who is better how often.
+
+A run's score is (cost - best) / (reference - best). Here best is the lowest cost of all runs on the
+problem, and the reference is the median cost of random search with the fewest experiments. So 0 is
+the best that is known, and 1 is what a few random experiments give.
+
+Intervals are of the bootstrap over problems and, within each, over seeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pandas as pd
+
+from zoac.analysis.statistics.stats import Interval
+from zoac.core.errors import RunFolderError
+from zoac.core.seeding import stream
+
+NEAR = 0.05
+"""Score within which a run is near the best."""
+
+RANDOM = "random"
+RESAMPLES = 2000
+QUANTILES = (0.025, 0.975)
+
+
+def with_scores(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the runs with their `score`; a cost that is not finite has an infinite one.
+
+    Problems on which a few random experiments are as good as anything are left out, since nothing
+    can be told apart there.
+
+    Args:
+        runs: Columns problem, tuner, experiments, seed, cost.
+
+    Raises:
+        RunFolderError: If a problem has no runs of random search, or none is left.
+    """
+    parts = []
+    for problem, group in runs.groupby("problem", sort=True):
+        random = group[group["tuner"] == RANDOM]
+        if random.empty:
+            raise RunFolderError(
+                f"no run of tuner=random on {problem}; scores are relative to what it finds"
+            )
+        few = random[random["experiments"] == random["experiments"].min()]
+        finite = group["cost"].where(np.isfinite(group["cost"]), np.inf)
+        best, reference = finite.min(), few["cost"].median()
+        if np.isfinite(reference) and reference > best:
+            parts.append(group.assign(score=(finite - best) / (reference - best)))
+    if not parts:
+        raise RunFolderError("random search is the best everywhere; there is nothing to compare")
+    return pd.concat(parts, ignore_index=True)
+
+
+def share_within(scores: np.ndarray, limits: Sequence[float]) -> np.ndarray:
+    """Return the share of scores (N,) at or below each of the limits (L,), each (L,)."""
+    return (np.asarray(scores)[:, None] <= np.asarray(limits)[None]).mean(axis=0)
+
+
+def mean_score(runs: pd.DataFrame, random_seed: int = 0) -> Interval:
+    """Return the mean score of one tuner with one number of experiments, each score at most 1.
+
+    Args:
+        runs: Its runs, with their `score`.
+        random_seed: Of the bootstrap.
+    """
+    table = np.minimum(_by_seed(runs, "score"), 1.0)
+    return _interval([table], lambda drawn: drawn[0].mean(axis=(-2, -1)), random_seed)
+
+
+def improvement(first: pd.DataFrame, second: pd.DataFrame, random_seed: int = 0) -> Interval:
+    """Return the probability that a run of the first tuner costs less than one of the second.
+
+    It is the mean over the problems that both have; equal costs count half.
+
+    Args:
+        first: Runs of one tuner with one number of experiments.
+        second: Of another, with as many.
+        random_seed: Of the bootstrap.
+    """
+    common = sorted(set(first["problem"]) & set(second["problem"]))
+    if not common:
+        return Interval(np.nan, np.nan, np.nan)
+    tables = [_by_seed(runs[runs["problem"].isin(common)], "cost") for runs in (first, second)]
+
+    def probability(drawn: list[np.ndarray]) -> np.ndarray:
+        a, b = drawn[0][..., :, None], drawn[1][..., None, :]
+        return ((a < b) + 0.5 * (a == b)).mean(axis=(-3, -2, -1))
+
+    return _interval(tables, probability, random_seed)
+
+
+def experiments_needed(runs: pd.DataFrame, share: float = 0.5) -> pd.DataFrame:
+    """Return how many experiments bring each tuner near the best, by problem.
+
+    It is the smallest number with which more than `share` of its runs score at most `NEAR`; NaN
+    where none of those tried does.
+
+    Returns:
+        A row for each problem, a column for each tuner.
+    """
+    near = runs.assign(near=runs["score"] <= NEAR)
+    often = near.groupby(["problem", "tuner", "experiments"])["near"].mean().reset_index()
+    enough = often["experiments"].where(often["near"] > share)
+    return often.assign(needed=enough).pivot_table(
+        index="problem", columns="tuner", values="needed", aggfunc="min", dropna=False
+    )
+
+
+def _by_seed(runs: pd.DataFrame, column: str) -> np.ndarray:
+    """Return a table (problems, seeds) of the seeds that all problems have."""
+    table = runs.pivot(index="problem", columns="seed", values=column).sort_index()
+    whole = table.dropna(axis="columns")
+    if whole.empty:
+        raise RunFolderError(
+            f"{runs['tuner'].iloc[0]} with {runs['experiments'].iloc[0]} experiments: no seed was "
+            "run on every problem; launching the sweep again makes what is missing"
+        )
+    return whole.to_numpy(float)
+
+
+def _interval(
+    tables: Sequence[np.ndarray],
+    statistic: Callable[[list[np.ndarray]], np.ndarray],
+    random_seed: int,
+) -> Interval:
+    """Return a statistic of tables (problems, seeds) with its percentile interval."""
+    rng = stream(random_seed, "analysis suite")
+    problems = len(tables[0])
+    rows = rng.integers(problems, size=(RESAMPLES, problems))[..., None]
+    drawn = [
+        table[rows, rng.integers(table.shape[1], size=(RESAMPLES, problems, table.shape[1]))]
+        for table in tables
+    ]
+    low, high = np.quantile(statistic(drawn), QUANTILES)
+    return Interval(float(statistic(list(tables))), float(low), float(high))

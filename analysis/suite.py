@@ -1,0 +1,245 @@
+"""Which tuner: tuners over many problems and numbers of experiments.
+
+    python -m zoac.run experiment=suite -m
+    python -m zoac.analysis.suite runs --out tables
+
+The files are suite.md, suite.csv with a row for each run, and the figure suite. In place of a
+folder of runs the command also reads such a suite.csv. `zoac.analysis.statistics.profiles` says
+what a score is.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from zoac.analysis.data import cli
+from zoac.analysis.data.runs import Method, Run
+from zoac.analysis.figures import style
+from zoac.analysis.figures.labels import TUNERS
+from zoac.analysis.pages.formatting import NOTHING, pipes
+from zoac.analysis.statistics.profiles import (
+    NEAR,
+    RANDOM,
+    experiments_needed,
+    improvement,
+    mean_score,
+    share_within,
+    with_scores,
+)
+from zoac.analysis.statistics.stats import Interval
+from zoac.core.errors import ConfigError, RunFolderError, suggest
+
+COLUMNS = ["problem", "parameters", "tuner", "experiments", "seed", "cost", "seconds"]
+LIMITS = np.logspace(-3, 0.5, 200)
+"""Scores of the profiles' axis."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write tables and figure; return the exit code."""
+    parser = cli.parser("suite", "Tuners over many problems.", "tables", "--format")
+    parser.add_argument("--against", default=RANDOM, metavar="TUNER", help=f"default: {RANDOM}")
+    parser.add_argument("--problems", help="default: all; such as suite/hopper,suite/loop_43")
+    return cli.guarded(_command, parser, argv)
+
+
+def _command(options: argparse.Namespace) -> None:
+    runs = read(options.runs) if options.runs.suffix == ".csv" else frame_of(options)
+    if options.problems:
+        runs = _chosen(runs, options.problems.split(","))
+    if options.against not in (known := sorted(set(runs["tuner"]))):
+        raise ConfigError(f"no run of tuner {options.against!r}; {suggest(options.against, known)}")
+    cli.write(options.out / "suite.csv", runs.to_csv(index=False, lineterminator="\n"))
+    cli.write_markdown(options.out / "suite.md", markdown(runs, options.against))
+    style.save(lambda: figure(with_scores(runs)), options, "suite")
+
+
+def frame_of(options: argparse.Namespace) -> pd.DataFrame:
+    """Return a row for each finished run whose budget was given in experiments.
+
+    Raises:
+        RunFolderError: If there is none, or two have the same problem, tuner, number and seed.
+    """
+    runs = [
+        run
+        for run in cli.load_runs(options, episodes=False).some_finished()
+        if run.config.get("experiments") is not None
+    ]
+    if not runs:
+        raise RunFolderError(
+            f"{options.runs}: no finished run has a number of experiments; make some with "
+            "experiment=suite, or experiments=100"
+        )
+    frame = pd.DataFrame([_row(run) for run in runs], columns=COLUMNS).sort_values(
+        ["problem", "tuner", "experiments", "seed"], ignore_index=True
+    )
+    return _without_doubles(frame, str(options.runs))
+
+
+def _row(run: Run) -> list[object]:
+    # Rounded as `zoac.analysis.compact` rounds them.
+    return [
+        run.method.task,
+        len(run.outcome["parameters"]),
+        run.method.tuner,
+        int(run.config["experiments"]),
+        run.seed,
+        float(f"{run.cost_mean:.5g}"),
+        round(run.outcome["compute_seconds"], 2),
+    ]
+
+
+def read(path: Path) -> pd.DataFrame:
+    """Return the rows of a suite.csv.
+
+    Raises:
+        RunFolderError: If it is none.
+    """
+    try:
+        frame = pd.read_csv(path)
+    except (OSError, ValueError) as error:
+        raise RunFolderError(f"{path}: cannot be read as CSV: {error}") from None
+    if missing := [name for name in COLUMNS if name not in frame]:
+        raise RunFolderError(f"{path}: no column {missing[0]!r}; expected {', '.join(COLUMNS)}")
+    return _without_doubles(frame[COLUMNS], str(path))
+
+
+def _without_doubles(frame: pd.DataFrame, where: str) -> pd.DataFrame:
+    key = ["problem", "tuner", "experiments", "seed"]
+    if (twice := frame.duplicated(key)).any():
+        what = ", ".join(f"{name} {frame.loc[twice, name].iloc[0]}" for name in key)
+        raise RunFolderError(f"{where}: two runs of {what}; keep one variant a folder")
+    return frame
+
+
+def _chosen(runs: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
+    known = sorted(set(runs["problem"]))
+    for name in names:
+        if name not in known:
+            raise ConfigError(f"no run of problem {name!r}; {suggest(name, known)}")
+    return runs[runs["problem"].isin(names)]
+
+
+def markdown(runs: pd.DataFrame, against: str) -> str:
+    """Return the tables: scores, who is better how often, experiments needed, costs.
+
+    Args:
+        runs: Rows as in suite.csv.
+        against: The tuner that others are compared with.
+    """
+    scored = with_scores(runs)
+    left_out = sorted(set(runs["problem"]) - set(scored["problem"]))
+    text = [
+        "# Which tuner\n",
+        f"{scored['problem'].nunique()} problems. A score is (cost - best) / (reference - best): "
+        "best is the lowest cost of all runs on the problem, and the reference is the median of "
+        "random search with the fewest experiments. In brackets: 95% intervals of the bootstrap "
+        "over problems and seeds.\n",
+    ]
+    if left_out:
+        text.append(
+            f"Left out, since few random experiments are the best there: {', '.join(left_out)}.\n"
+        )
+    for count, group in scored.groupby("experiments"):
+        text += [f"## {count:,} experiments\n", _scores(group, against)]
+    needed = experiments_needed(scored)
+    text += [
+        f"## Experiments until most runs score at most {NEAR:g}\n",
+        _needed(needed, _sizes(scored)),
+        "## Costs\n\nMedian over the seeds; the lowest of a row is bold.\n",
+        _costs(runs),
+    ]
+    return "\n".join(text)
+
+
+def _scores(group: pd.DataFrame, against: str) -> str:
+    rows = []
+    for tuner, own in group.groupby("tuner"):
+        other = group[group["tuner"] == against]
+        better = improvement(own, other) if len(other) and tuner != against else None
+        near = share_within(own["score"].to_numpy(), [NEAR])[0]
+        mean = mean_score(own)
+        cells = [
+            _name(str(tuner)), _cell(mean), f"{near:.0%}", _cell(better) if better else NOTHING,
+            str(int((~np.isfinite(own["score"])).sum())), f"{own['seconds'].median():.1f}",
+            f"{own['problem'].nunique()} x {own['seed'].nunique()}",
+        ]  # fmt: skip
+        rows.append((mean.estimate, cells))
+    head = [
+        "Tuner", "mean score, each at most 1", f"score <= {NEAR:g}",
+        f"P(costs less than {_name(against)})", "failed", "processor seconds (median)",
+        "problems x seeds",
+    ]  # fmt: skip
+    return pipes([head, *(cells for _, cells in sorted(rows, key=lambda row: row[0]))]) + "\n"
+
+
+def _needed(needed: pd.DataFrame, sizes: pd.Series) -> str:
+    rows = [["Problem", "parameters", *(_name(str(tuner)) for tuner in needed)]]
+    for problem in sizes.index:
+        cells = [NOTHING if np.isnan(v) else f"{v:,.0f}" for v in needed.loc[problem]]
+        rows.append([problem, str(sizes[problem]), *cells])
+    return pipes(rows) + "\n"
+
+
+def _costs(runs: pd.DataFrame) -> str:
+    table = runs.pivot_table(
+        index=["problem", "experiments"], columns="tuner", values="cost", aggfunc="median"
+    )
+    rows = [["Problem", "experiments", *(_name(str(tuner)) for tuner in table)]]
+    order = {problem: k for k, problem in enumerate(_sizes(runs).index)}
+    for key in sorted(table.index, key=lambda key: (order[key[0]], key)):
+        (problem, count), costs = key, table.loc[key]
+        text = [NOTHING if np.isnan(cost) else f"{cost:.4g}" for cost in costs]
+        least = f"{costs.min():.4g}"
+        rows.append([problem, str(count), *(f"**{t}**" if t == least else t for t in text)])
+    return pipes(rows) + "\n"
+
+
+def _sizes(runs: pd.DataFrame) -> pd.Series:
+    """Return the number of parameters of each problem, few first."""
+    sizes = runs.groupby("problem")["parameters"].first().reset_index()
+    return sizes.sort_values(["parameters", "problem"]).set_index("problem")["parameters"]
+
+
+def _name(tuner: str) -> str:
+    return TUNERS.get(tuner, tuner)
+
+
+def _cell(value: Interval) -> str:
+    if np.isnan(value.estimate):
+        return NOTHING
+    return f"{value.estimate:.2f} [{value.low:.2f}, {value.high:.2f}]"
+
+
+def figure(scored: pd.DataFrame) -> Figure:
+    """Return the performance profiles: the share of runs within each score, by experiments."""
+    counts = sorted(set(scored["experiments"]))
+    drawn = Figure(figsize=(style.PAGE, 2.4), layout="constrained")
+    panels = drawn.subplots(1, len(counts), sharey=True, squeeze=False)[0]
+    methods = {tuner: Method("suite", tuner, None) for tuner in sorted(set(scored["tuner"]))}
+    looks = style.looks(methods.values())
+    for axes, count in zip(panels, counts, strict=True):
+        group = scored[scored["experiments"] == count]
+        for tuner, own in group.groupby("tuner"):
+            share = share_within(own["score"].to_numpy(), list(LIMITS))
+            axes.plot(
+                LIMITS, share, label=_name(str(tuner)), markevery=25,
+                **looks[methods[str(tuner)]].line,
+            )  # fmt: skip
+        axes.set_xscale("log")
+        axes.set_title(f"{count:,} experiments")
+        axes.set_xlabel("Score")
+        axes.margins(x=0)
+    panels[0].set_ylabel("Share of runs")
+    panels[0].set_ylim(0, 1)
+    style.legend_above(drawn, {k: v for axes in panels for k, v in style.entries(axes).items()})
+    return drawn
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

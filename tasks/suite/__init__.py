@@ -1,0 +1,1 @@
+"""Plants from published sources, on which tuners are compared: `experiment=suite`."""

@@ -1,0 +1,60 @@
+"""A budget as a number of experiments: episodes of full length."""
+
+import json
+
+import pytest
+
+import zoac
+from tests import commands
+from zoac.config.auto_tuner import tuner_for
+from zoac.core.errors import ConfigError
+
+STEPS = 200  # of an episode of lqr
+
+
+def identity(folder):
+    return json.loads((folder / "run.json").read_text())
+
+
+def test_experiments_replace_the_budget(tmp_path):
+    result = zoac.tune(
+        task="lqr", tuner="random", experiments=20, episodes=1, final_episodes=1,
+        folder=tmp_path, quiet=True,
+    )  # fmt: skip
+    assert identity(tmp_path)["config"]["budget"] == 20 * STEPS
+    assert result.record["env_steps"] == 20 * STEPS
+
+
+def test_the_command_line_has_them_too(tmp_path):
+    done = commands.run(
+        "-m", "zoac.run", "task=lqr", "tuner=auto", "experiments=250", "num_envs=50",
+        "evaluation.final_episodes=1", f"runs_dir={tmp_path}", "variant=v",
+        cwd=tmp_path, check=True,
+    )  # fmt: skip
+    assert "250 episodes" in done.stdout
+    config = identity(tmp_path / "lqr/auto/seed=0/variant=v")["config"]
+    assert (config["experiments"], config["budget"]) == (250, 250 * STEPS)
+
+
+def test_auto_chooses_by_their_number(tmp_path):
+    task = zoac.make_task("lqr")
+    for count in (30, 300):
+        zoac.tune(
+            task="lqr", experiments=count, episodes=1, final_episodes=1, quiet=True,
+            folder=tmp_path / str(count),
+        )  # fmt: skip
+        assert identity(tmp_path / str(count))["tuner"] == tuner_for(task, count * STEPS).tuner
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"experiments": 5, "budget": 1000}, "either budget or experiments"),
+        ({"experiments": 0}, "experiments"),
+        ({"experiments": "many"}, "experiments"),
+        ({"experiments": 2.5}, "experiments"),
+    ],
+)
+def test_other_numbers_are_refused(options, told):
+    with pytest.raises(ConfigError, match=told):
+        zoac.tune(task="lqr", quiet=True, **options)
