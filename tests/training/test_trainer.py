@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
 from tests.algorithm.support import grouped
 from tests.algorithm.test_zoac import OPTIONS
@@ -228,3 +229,22 @@ def test_a_recommendation_that_is_not_finite_is_not_taken(tmp_path, capsys):
     assert all(row["x"] == rows[1]["x"] for row in rows[1:])
     assert result["x"] == rows[1]["x"]
     assert "recommends [nan, 0.0], which is not finite; its last" in capsys.readouterr().err
+
+
+def test_libraries_compute_on_one_thread_and_the_caller_has_his_own_back(tmp_path):
+    """As in worker processes: sums in another order would have other bits."""
+    seen = []
+
+    class Watching(Zoac):
+        def tell(self, segments):
+            seen.append(threads())
+            return super().tell(segments)
+
+    before = threads()
+    train(tmp_path, tuner=Watching)
+    assert set(seen) == {frozenset({1})}
+    assert threads() == before
+
+
+def threads():
+    return frozenset(library["num_threads"] for library in threadpool_info())

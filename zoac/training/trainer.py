@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from zoac.config.settings import Settings
 from zoac.core.errors import CallbackError, Interrupted, NothingWorksError
@@ -72,15 +73,17 @@ class Trainer:
             Interrupted: If asked to stop; the run can be resumed.
             CallbackError: If a callback raises; likewise.
         """
-        self._checkpoints.restore()
-        self._environments.state()  # warns at the start if they cannot be saved
-        self._callbacks.start(self._log.run, self._log.rows())
-        try:
-            self._tune()
-        except CallbackError:
-            self._checkpoints.save_if_due(now=True)
-            raise
-        return self._finish()
+        # As in worker processes: the number of threads changes the order of sums and so the bits.
+        with threadpool_limits(1):
+            self._checkpoints.restore()
+            self._environments.state()  # warns at the start if they cannot be saved
+            self._callbacks.start(self._log.run, self._log.rows())
+            try:
+                self._tune()
+            except CallbackError:
+                self._checkpoints.save_if_due(now=True)
+                raise
+            return self._finish()
 
     def _tune(self) -> None:
         """Iterate until the budget is spent, the tuner is done or a callback stops the search."""
