@@ -25,6 +25,10 @@ QUICK = {"budget": 200, "num_envs": 2, "episodes": 1, "final_episodes": 1, "eval
          "quiet": True}  # fmt: skip
 
 
+def quick(options):
+    return {**{k: v for k, v in options.items() if k != "experiments"}, **QUICK}
+
+
 def blocks(page, language):
     return [text for kind, text in PAGES[page] if kind == language]
 
@@ -36,7 +40,7 @@ def test_its_python_runs(page, monkeypatch, tmp_path):
     monkeypatch.setattr(
         zoac,
         "tune",
-        lambda **options: tune(**options if "cost" in options else {**options, **QUICK}),
+        lambda **options: tune(**options if "cost" in options else quick(options)),
     )
     for text in blocks(page, "py"):  # files, called as their first line says
         Path(text.partition("\n")[0].removeprefix("# ")).write_text(text)
