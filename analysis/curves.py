@@ -49,14 +49,23 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One picture: a metric on a family of tasks; `names`: see `tuner_names`; `studies`: of
-    experiments, not of steps."""
+    """One picture: a metric on a family of tasks.
+
+    Args:
+        task: Name of the task.
+        metric: Name of the logged number.
+        curves: One per method.
+        names: Names of tuners, see `tuner_names`.
+        studies: Whether the x axis counts experiments, not steps.
+        episodes: Evaluation episodes of which a cost is the mean.
+    """
 
     task: str
     metric: str
     curves: tuple[Curve, ...]
     names: Mapping[str, str] = field(default_factory=dict)
     studies: bool = False
+    episodes: int = 1
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -122,7 +131,7 @@ def all_panels(
                 )
                 drawn = tuple(c for c in curves if c is not None)
                 studies = all("study" in run.identity for g in groups.values() for run in g)
-                panels.append(Panel(base, name, drawn, tuner_names(runs), studies))
+                panels.append(Panel(base, name, drawn, tuner_names(runs), studies, episodes))
     if not panels:
         raise ConfigError(f"no run logged {metric!r}; {suggest(str(metric), _logged(runs))}")
     return panels

@@ -49,11 +49,8 @@ def before(run: Run, reference: Run | None = None) -> Before | None:
         run: A finished run.
         reference: A run that was not tuned.
     """
-    result = run.outcome
-    record = result.get("baseline") or {"cost_mean": result.get("baseline_cost_mean")}
-    costs = record.get("cost_per_episode") or [record["cost_mean"]]
-    if len(costs) == len(run.costs) and None not in costs:
-        return Before("baseline values", run.identity["nominal"], np.array(costs, float))
+    if (found := baseline_values(run)) is not None:
+        return found
     if reference is not None and reference is not run and len(reference.costs) == len(run.costs):
         parameters = reference.outcome["parameters"]
         return Before("nominal controller", parameters, reference.costs)
@@ -61,3 +58,13 @@ def before(run: Run, reference: Run | None = None) -> Before | None:
         costs = run.evaluations[0]["cost_per_episode"]
         return Before("start of tuning", parameters, np.array(costs, float)[: len(run.costs)])
     return None
+
+
+def baseline_values(run: Run) -> Before | None:
+    """Return the baseline values of `run`; None if it has none, or not in the same episodes."""
+    result = run.outcome
+    record = result.get("baseline") or {"cost_mean": result.get("baseline_cost_mean")}
+    costs = record.get("cost_per_episode") or [record["cost_mean"]]
+    if len(costs) != len(run.costs) or None in costs:
+        return None
+    return Before("baseline values", run.identity["nominal"], np.array(costs, float))

@@ -240,13 +240,14 @@ def entries(axes: Axes) -> dict[str, Artist]:
 def legend_above(figure: Figure, entries: Mapping[str, Artist], columns: int = 6) -> None:
     """Put one legend, label -> line, for the whole figure above its panels.
 
-    It has as many columns as fit the figure's width, `columns` at most; the figure grows by its
-    height.
+    It has as few rows as fit the figure's width, of `columns` entries at most, and about as many
+    entries in each; the figure grows by its height.
     """
     if len(entries) < 2:
         return
     width = figure.get_figwidth() * figure.dpi
-    for count in range(min(columns, len(entries)), 0, -1):
+    for rows in range(-(-len(entries) // columns), len(entries) + 1):
+        count = -(-len(entries) // rows)
         legend = figure.legend(
             list(entries.values()),
             list(entries),

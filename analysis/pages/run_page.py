@@ -107,7 +107,7 @@ def _tiles(run: Run) -> str:
         ("final cost", significant(float(costs.mean()))),
     ]
     if len(costs) > 1:
-        values.append(("its standard deviation", significant(float(np.std(costs, ddof=1)))))
+        values.append(("std over episodes", significant(float(np.std(costs, ddof=1)))))
     if not study:
         values.append(("episodes ended early", f"{result.get('terminations', 0)} of {len(costs)}"))
     values.append(("wall time", _duration(result["wall_seconds"])))
@@ -172,8 +172,8 @@ def _health(run: Run) -> str:
     ]
     rest = max(0.0, wall - sum(value for _, value in named))
     study = "study" in run.identity
-    text = "" if study else html.fractions([("rollouts and the rest", rest), *named])
-    items = [f"wall time {_duration(wall)}"]
+    text = "" if study else html.fractions([("rollouts and other work", rest), *named])
+    items = []
     if result.get("compute_seconds") is not None:
         items.append(f"compute time over all processes {_duration(result['compute_seconds'])}")
     if result.get("solver_seconds"):

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from html import escape
 
+import numpy as np
+from matplotlib.axes import Axes
+
 from zoac.analysis.curves import all_panels, draw_panel
-from zoac.analysis.data.runs import Collection
+from zoac.analysis.data.baseline import Before, baseline_values
+from zoac.analysis.data.runs import Collection, Run, by_method
 from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import METRICS, method_labels
 from zoac.analysis.pages import html
@@ -15,6 +20,7 @@ from zoac.analysis.pages.formatting import (
     estimate,
     number,
     plus_minus,
+    significant,
     without_empty_columns,
 )
 from zoac.analysis.statistics.claims import Claim
@@ -25,34 +31,55 @@ from zoac.analysis.statistics.stats import MIN_SEEDS, Interval
 def sweep(collection: Collection, task: str) -> str:
     """Return the comparison of all methods of a task: table, curves, differences, notes."""
     comparison = compare(collection, task, whole_table=False)
+    known = {run: baseline_values(run) for run in collection.finished if run.tuned}
+    baselines = {run: baseline for run, baseline in known.items() if baseline is not None}
     return "".join(
         [
             html.part(
                 "Comparison",
-                html.paragraph(_setting(comparison)),
-                _table(comparison),
+                html.paragraph(_setting(comparison, baselines)),
+                _table(comparison, baselines),
                 html.bullets([escape(note) for note in comparison.notes], css="warning"),
             ),
-            html.part("Learning curves", html.gallery(_curves(collection, task))),
+            html.part("Learning curves", html.gallery(_curves(collection, task, baselines))),
             html.part("Differences", _differences(comparison.claims)),
         ]
     )
 
 
-def _setting(comparison: Comparison) -> str:
+def _setting(comparison: Comparison, baselines: Mapping[Run, Before]) -> str:
     text = (
         f"Cost of the tuned controllers in {comparison.episodes} evaluation episodes, the same for "
         "all. ± is the standard deviation over seeds."
     )
+    if (cost := _shared(baselines, comparison.episodes)) is not None:
+        better = sum(_better(run, baseline) for run, baseline in baselines.items())
+        text += (
+            f" The baseline values cost {significant(cost)} in the same episodes. "
+            f"{better} of {len(baselines)} runs ended with a lower cost."
+        )
     if any(s.cost is not None and s.cost.exists for s in comparison.summaries):
         text += " Intervals are 95%, over seeds and episodes."
     return text
 
 
-def _table(comparison: Comparison) -> str:
+def _shared(baselines: Mapping[Run, Before], episodes: int) -> float | None:
+    """Return the cost of the baseline in so many episodes; None if runs have different ones."""
+    costs = {float(baseline.costs[:episodes].mean()) for baseline in baselines.values()}
+    return costs.pop() if len(costs) == 1 else None
+
+
+def _better(run: Run, baseline: Before) -> bool:
+    return bool(run.costs.mean() < baseline.costs.mean())
+
+
+def _table(comparison: Comparison, baselines: Mapping[Run, Before]) -> str:
     lines = [["Method", "Seeds", "Cost", "95% interval", "Interquartile mean",
-              "Minus nominal, 95% interval", "Prediction error", "Wall time [s]"]]  # fmt: skip
+              "Better than baseline", "Minus nominal, 95% interval", "Prediction error",
+              "Wall time [s]"]]  # fmt: skip
+    groups = by_method(baselines)
     for s in comparison.summaries:
+        better = [_better(run, baselines[run]) for run in groups.get(s.method, [])]
         known = s.minus_nominal is not None and s.minus_nominal.exists
         lines.append(
             [
@@ -61,6 +88,7 @@ def _table(comparison: Comparison) -> str:
                 plus_minus(s.cost_std),
                 bounds(s.cost),
                 number(s.iqm.estimate) if s.iqm and s.tuned else NOTHING,
+                f"{sum(better)} of {len(better)}" if better else NOTHING,
                 estimate(s.minus_nominal, sign=True) if known and s.minus_nominal else NOTHING,
                 plus_minus(s.prediction_error),
                 plus_minus(s.wall_seconds if s.tuned else None),
@@ -69,7 +97,7 @@ def _table(comparison: Comparison) -> str:
     return html.table(without_empty_columns(lines))
 
 
-def _curves(collection: Collection, task: str) -> list[str]:
+def _curves(collection: Collection, task: str, baselines: Mapping[Run, Before]) -> list[str]:
     pictures = []
     for panel in all_panels(collection, task):
         methods = [curve.method for curve in panel.curves]
@@ -78,9 +106,25 @@ def _curves(collection: Collection, task: str) -> list[str]:
         figure, axes = html.figure()
         looks, labels = style.looks(methods), method_labels(methods, panel.names)
         draw_panel(axes, panel, looks, labels, "env_steps")
+        untuned = any(len(curve.x) == 1 for curve in panel.curves)
+        if panel.metric == "cost_mean" and not untuned:
+            least = min(float(np.nanmin(curve.centre)) for curve in panel.curves)
+            _draw_baseline(axes, _shared(baselines, panel.episodes), least)
         name = f"{task} {panel.metric}"
         pictures.append(html.picture(figure, name, METRICS[panel.metric], columns=3))
     return pictures
+
+
+def _draw_baseline(axes: Axes, cost: float | None, least: float) -> None:
+    """Draw the cost of the baseline values below or above curves that are at least `least`."""
+    if cost is None:
+        return
+    look = style.NOMINAL
+    axes.axhline(cost, color=look.colour, ls=look.dashes, lw=1.2, label="Baseline values")
+    lowest = min(cost, least)
+    if lowest > 0 and axes.get_ylim()[1] > 20 * lowest:
+        axes.set_yscale("log")
+        axes.set_ylim(bottom=0.8 * lowest)
 
 
 def _differences(claims: tuple[Claim, ...]) -> str:
@@ -90,13 +134,17 @@ def _differences(claims: tuple[Claim, ...]) -> str:
         return ""
     if not judged:
         return html.paragraph(
-            f"Fewer than {MIN_SEEDS} seeds have no interval, so nothing is claimed."
+            f"A difference needs at least {MIN_SEEDS} seeds of each method for its interval. "
+            "With fewer, none is reported."
         )
     said = [_said(claim) for claim in judged]
     text = html.bullets([sentence for sentence in said if sentence])
     if silent := said.count(""):
         many = f"{silent} of {len(judged)} pairs show" if len(judged) > 1 else "The pair shows"
-        text += html.paragraph(f"{many} no clear difference: the intervals hold zero and one half.")
+        text += html.paragraph(
+            f"{many} no clear difference: the interval of the difference contains zero, and that "
+            "of the fraction of pairs contains 50%."
+        )
     lines = [["First - second", "Difference of mean cost, 95% interval", "First costs less in"]]
     for claim in judged:
         p = claim.improvement

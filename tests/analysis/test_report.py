@@ -288,12 +288,29 @@ def test_pairs_without_a_difference_are_one_sentence(sweep: Path, tmp_path: Path
     assert len(re.findall(r"[+-][\d.]+ \[[+-][\d.]+, [+-][\d.]+\]", table)) == 6
 
 
+def test_a_sweep_says_which_runs_are_better_than_the_baseline(tmp_path: Path) -> None:
+    baseline = {"cost_mean": 5.0, "cost_per_episode": [4.0, 6.0]}
+    for tuner, costs in (("zoac", (3.0, 4.0)), ("bo", (3.0, 9.0))):
+        for seed, cost in enumerate(costs):
+            result = {"baseline": baseline}
+            write_run(tmp_path, tuner, seed, costs=[cost, cost], result=result)
+    text = page(tmp_path, tmp_path / "out", "--no-replay")
+    assert "The baseline values cost 5 in the same episodes. 3 of 4 runs ended with a lower" in text
+    rows = rows_of(text, "Comparison")
+    assert {name: row["Better than baseline"] for name, row in rows.items()} == {
+        "ZOAC": "2 of 2",
+        "BO": "1 of 2",
+    }
+    curves = text.split("<h3>Learning curves</h3>")[1].split("<h3>")[0]
+    assert curves.count(">Baseline values</text>") == 1
+
+
 def test_four_seeds_give_no_difference_without_an_interval(tmp_path: Path) -> None:
     for seed in range(4):
         write_run(tmp_path, "zoac", seed)
     write_run(tmp_path, "nominal", evaluations=())
     text = page(tmp_path, tmp_path / "out", "--no-replay")
-    assert "Fewer than 5 seeds have no interval" in text
+    assert "A difference needs at least 5 seeds" in text
     assert "Minus nominal" not in text
 
 

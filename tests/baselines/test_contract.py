@@ -115,6 +115,7 @@ def test_recommendation_lies_in_the_box_from_the_start(name):
         drive(tuner, group, short(name) // 3)
 
 
+NOT_THE_START = "compared with the answer; the search does not begin there"
 START = np.array([0.8, -0.8, 0.8, -0.8, 0.8])
 
 
@@ -132,7 +133,7 @@ def test_a_tuner_that_is_given_start_values_begins_there_or_says_that_it_only_co
     tuner = build(config, "tuner", Tuner, problem=problem(start=START, baseline=START))
     told = baseline_use(config, SimpleNamespace(baseline={"a": 0.0}), Settings())["baseline values"]
     if not takes_a_start:
-        assert told == "only compared, the search does not begin there"
+        assert told == NOT_THE_START
         return
     assert told.startswith("the search begins there")
     assert np.array_equal(tuner.recommend(), START)
@@ -145,7 +146,7 @@ def test_a_tuner_that_is_given_start_values_begins_there_or_says_that_it_only_co
 def test_a_tuner_that_is_not_told_to_begin_at_the_start_values_says_so(name):
     task = SimpleNamespace(baseline={"a": 0.0})
     told = baseline_use(tuner_config(name), task, Settings())["baseline values"]
-    assert told.startswith("only compared, the search does not begin there")
+    assert told.startswith(NOT_THE_START)
     assert baseline_use(tuner_config(name), SimpleNamespace(baseline=None), Settings()) == {}
 
 

@@ -133,6 +133,13 @@ def test_an_interval_that_cannot_be_told_is_left_out(costs):
     assert "±" not in stream.getvalue()
 
 
+def test_a_parameter_stands_beside_its_baseline():
+    console = Console(1, stream=(stream := io.StringIO()))
+    console.start({**RUN, "nominal": {"p0": 2.0}})
+    console.finish(result(parameters={"p0": 0.25, "kind": "fast"}))
+    assert "  p0 = 0.25 m^2/s, baseline 2\n  kind = fast\n" in stream.getvalue()
+
+
 def test_short_choices_of_a_tuner_share_a_line():
     console = Console(5000, stream=(stream := io.StringIO()))
     choices = {"start": "baseline", "hard specs": "chosen on held-out episodes", "sigma": 0.25}

@@ -6,6 +6,8 @@ import pytest
 from tests.doors.test_api import tune
 from zoac.loggers.summary import cost_lines
 
+INTERVAL = "± is a 95% interval"
+
 
 def told(after, before=None):
     baseline = None if before is None else {"cost_per_episode": before}
@@ -18,19 +20,19 @@ def test_the_difference_is_that_of_the_same_episodes():
     first, second = told([99.0, 199.0, 299.5], before)
     half = 1.96 * np.std([1.0, 1.0, 0.5], ddof=1) / np.sqrt(3)
     assert first.startswith("cost 199.2 ± 113, baseline values 200 ± 113 on the same 3 episodes")
-    assert second == f"the cost is lower by 0.8333 ± {half:.2g} (0%) than with the baseline values"
+    assert second == f"better than the baseline values by 0.8333 ± {half:.2g} (0%, {INTERVAL})"
 
 
 @pytest.mark.parametrize(
     ("after", "before", "lines"),
     [
-        ([4.0, 4.0], [2.0, 2.0], "the cost is higher by 2 (100%) than with the baseline values"),
+        ([4.0, 4.0], [2.0, 2.0], "worse than the baseline values by 2 (100%)"),
         (
             [1.0, 4.0],
             [2.0, 2.0],
-            "no clear difference from the baseline values: the cost is higher by 0.5 ",
+            "no clear difference from the baseline values: higher by 0.5 ",
         ),
-        ([90.0, 90.0], [2.0, 2.0], "the cost is higher by 88 than with the baseline values"),
+        ([90.0, 90.0], [2.0, 2.0], "worse than the baseline values by 88"),
         ([2.0, 2.0], [2.0, 2.0], ""),
         ([None, 2.0], [2.0, 2.0], ""),
     ],

@@ -45,17 +45,33 @@ def test_the_figure_shows_each_signal_before_and_after_with_its_limits(result):
     y, u = result.plot().axes
     assert (y.get_ylabel(), u.get_ylabel(), u.get_xlabel()) == ("y [m]", "u", "Time [s]")
     for axes, labels in ((y, ["Reference", "Before", "After"]), (u, ["Before", "After"])):
-        shown = [line.get_label() for line in axes.lines if line.get_label() != "Limit"]
-        assert shown == labels
+        assert [line.get_label() for line in axes.lines] == labels
     before, after = y.lines[1].get_ydata(), y.lines[2].get_ydata()
     table = result.responses
     assert (before == table[table["parameters"] == "baseline"]["y"]).all()
     assert (after == table[table["parameters"] == "tuned"]["y"]).all()
-    limits = [line for line in y.lines if line.get_label() == "Limit"]
-    told = {(*line.get_xdata(), round(line.get_ydata()[0], 9)) for line in limits}
-    assert told == {(0.0, 2.0, 1.05), (0.5, 2.0, 1.25), (0.5, 2.0, 0.75)}
-    (limit,) = (line for line in u.lines if line.get_label() == "Limit")
-    assert set(limit.get_ydata()) == {6.0}
+    (low, high), (_, most) = y.get_ylim(), u.get_ylim()
+    assert forbidden(y) == rounded(
+        (0.0, 2.0, 1.05, high), (0.5, 2.0, 1.25, high), (0.5, 2.0, low, 0.75)
+    )
+    assert forbidden(u) == rounded((0.0, 2.0, 6.0, most))
+    assert most > 6.0  # the region is in view, though no signal reaches it
+
+
+def forbidden(axes):
+    """Return the hatched regions: from, to, low, high."""
+    boxes = [part.get_datalim(axes.transData) for part in axes.collections]
+    return rounded(*((box.x0, box.x1, box.y0, box.y1) for box in boxes))
+
+
+def rounded(*regions):
+    return {tuple(round(float(value), 9) for value in region) for region in regions}
+
+
+def test_a_step_down_must_not_fall_below_its_limit():
+    overshoot = guides.plain(zoac.specs.overshoot("y", "r", max=0.1))
+    time, values = np.arange(3.0), {"y": np.array([1.0, 0.2, 0.0]), "r": np.zeros(3)}
+    assert guides.limits([overshoot], "y", time, values) == [guides.Limit(-0.1, 0.0, 2.0, False)]
 
 
 def test_a_loaded_result_plots_the_same_and_saves_it(result, tmp_path):

@@ -261,8 +261,8 @@ def baseline_use(node: Mapping[str, Any], task: Task, settings: Settings) -> dic
         return {}
     begins = settings.initial_sigma is not None or node.get("start") == "baseline"
     if not begins or _start_searches(_named_strategies(node), settings):
-        told = "only compared, the search does not begin there"
-        more = "; tuner.start=baseline does" if "start" in node else ""
+        told = "compared with the answer; the search does not begin there"
+        more = " (with tuner.start=baseline it does)" if "start" in node else ""
     else:
         told = "the search begins there"
         halved = settings.initial_sigma is None and node.get("halving_fraction")

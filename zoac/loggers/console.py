@@ -59,6 +59,7 @@ class Console:
         self._bar: tqdm[Any] | None = None
         self._name = ""
         self._units: dict[str, str] = {}
+        self._before: Mapping[str, Any] = {}
         self._first: tuple[float, int] | None = None
         self._best = np.inf
         self._baseline: float | None = None
@@ -69,6 +70,7 @@ class Console:
         """Print what runs, and the tuner's choices that a comparison must show."""
         variant = f" {run['variant']}" if run["variant"] else ""
         self._units = {p["name"]: p["unit"] for p in run.get("parameters", [])}
+        self._before = run.get("nominal") or {}
         told = f", minimising {run['objective']}" if run.get("objective") else ""
         self._name = f"{run['task']} {run['tuner']} seed={run['seed']}"
         self._say(f"{self._name}{variant}: {self._budget:,} steps{told}")
@@ -117,8 +119,10 @@ class Console:
             self._bar = None
         parameters = result["parameters"]
         for name, value in list(parameters.items())[:MAX_PARAMETERS]:
-            number = format(value, ".6g") if isinstance(value, float) else value
-            self._print(f"  {name} = {number} {self._units.get(name, '')}".rstrip())
+            told = f"  {name} = {summary.shown(value)} {self._units.get(name, '')}".rstrip()
+            if name in self._before:
+                told += f", baseline {summary.shown(self._before[name])}"
+            self._print(told)
         if (more := len(parameters) - MAX_PARAMETERS) > 0:
             self._print(f"  and {more} more in result.json")
         for line in summary.cost_lines(result):
@@ -139,7 +143,7 @@ class Console:
         if self._folder is not None:
             folder = shlex.quote(str(self._folder))
             self._print(f"  run folder: {folder}")
-            self._print(f"  a page about it: python -m zoac.analysis.report {folder}")
+            self._print(f"  report: python -m zoac.analysis.report {folder}")
 
     def _learn(self, row: Mapping[str, Any]) -> None:
         """Keep the figures of the line that moves."""

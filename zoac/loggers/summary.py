@@ -36,14 +36,17 @@ def cost_lines(result: Mapping[str, Any]) -> Iterator[str]:
     mean, half = difference.mean(), _half(difference)
     if not np.isfinite(mean) or mean == 0:
         return
-    by = f"{'lower' if mean < 0 else 'higher'} by {abs(mean):.4g}"
-    by += f" ± {_two_digits(half)}" if half > 0 else ""
+    by = f"{abs(mean):.4g} ± {_two_digits(half)}" if half > 0 else f"{abs(mean):.4g}"
+    interval = "± is a 95% interval" if half > 0 else ""
     if abs(mean) <= half:
-        yield f"no clear difference from the baseline values: the cost is {by}"
+        side = "lower" if mean < 0 else "higher"
+        yield f"no clear difference from the baseline values: {side} by {by} ({interval})"
     else:
         share = abs(mean / _numbers(baseline).mean())
-        shown = f" ({share:.0%})" if share < MAX_SHARE else ""
-        yield f"the cost is {by}{shown} than with the baseline values"
+        notes = [f"{share:.0%}" if share < MAX_SHARE else "", interval]
+        told = ", ".join(filter(None, notes))
+        side = "better" if mean < 0 else "worse"
+        yield f"{side} than the baseline values by {by}" + (f" ({told})" if told else "")
 
 
 def with_interval(costs: Any) -> str:
@@ -72,7 +75,7 @@ def as_html(result: Mapping[str, Any], run: Mapping[str, Any], fixed: Mapping[st
     rows.append(("cost", before, with_interval(result["cost_per_episode"]), episodes))
     for row in map(verdict.restored, result.get("specs", [])):
         met = {True: "met", False: "NOT met"}.get(row["met"], "")
-        values = (_shown(row[which]) for which in ("baseline", "value"))
+        values = (shown(row[which]) for which in ("baseline", "value"))
         rows.append((row["spec"], *values, f"{row['limit'] or ''} {met}".strip()))
     lines = [
         "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row) + "</tr>"
@@ -80,7 +83,7 @@ def as_html(result: Mapping[str, Any], run: Mapping[str, Any], fixed: Mapping[st
     ]
     told = [f"WARNING: {sentence}" for sentence in result["warnings"]]
     if fixed:
-        told.append("fixed: " + ", ".join(f"{k} = {_shown(v)}" for k, v in fixed.items()))
+        told.append("fixed: " + ", ".join(f"{k} = {shown(v)}" for k, v in fixed.items()))
     paragraphs = "".join(f"<p>{html.escape(text)}</p>" for text in told)
     return f"<table>{''.join(lines)}</table>{paragraphs}"
 
@@ -92,12 +95,13 @@ def _parameter_rows(
     units = {p["name"]: p["unit"] for p in run.get("parameters", [])}
     parameters = result["parameters"]
     for name, value in list(parameters.items())[:MAX_PARAMETERS]:
-        yield name, _shown(before.get(name)), _shown(value), units.get(name, "")
+        yield name, shown(before.get(name)), shown(value), units.get(name, "")
     if (more := len(parameters) - MAX_PARAMETERS) > 0:
         yield f"and {more} more", "", "", ""
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """Return a parameter's value with six digits."""
     if value is None:
         return ""
     return format(value, ".6g") if isinstance(value, float) else str(value)

@@ -18,7 +18,7 @@ def line(note: Mapping[str, Any]) -> str:
     Args:
         note: Of the job: `task`, `tuner`, `seed`, `more`, and its outcome.
     """
-    ends = [f"cost {_costs(note)}", f"{note['seconds']:.0f} s"]
+    ends = [f"cost {_costs(note)}", f"{_seconds(note)} s"]
     if note["done_already"]:
         ends[1] = "done already"
     if note["warnings"]:
@@ -45,7 +45,7 @@ def table(notes: Sequence[Mapping[str, Any]]) -> list[str]:
         if "task" not in note:
             continue
         before, arrow, after = _costs(note).rpartition("-> ") if note in done else ("", "", "")
-        seconds = f"{note['seconds']:.0f}" if note in done else note["state"]
+        seconds = _seconds(note) if note in done else note["state"]
         identity = str(note["task"]), str(note["tuner"]), str(note["seed"])
         rows.append((*identity, before.strip(), arrow.strip(), after, seconds, note["more"]))
     widths = [max(len(row[i]) for row in rows) for i in range(7)]
@@ -66,7 +66,7 @@ def _folders(done: Sequence[Mapping[str, Any]]) -> list[str]:
     last = f"/variant={next(iter(variants))}" if len(variants) == 1 else "/variant=<...>"
     pattern = "<task>/<tuner>/seed=<seed>" + ("" if variants == {None} else last)
     lines = [f"folders: {root}/{pattern}" for root in sorted(roots)]
-    return [*lines, f"a page about them: python -m zoac.analysis.report {' '.join(sorted(roots))}"]
+    return [*lines, f"report: python -m zoac.analysis.report {' '.join(sorted(roots))}"]
 
 
 def _root(note: Mapping[str, Any]) -> str:
@@ -78,6 +78,11 @@ def _costs(note: Mapping[str, Any]) -> str:
     """Return the mean costs of the baseline, if there is one, and of the answer."""
     before = "" if note["before"] is None else f"{_number(note['before'])} -> "
     return before + _number(note["after"])
+
+
+def _seconds(note: Mapping[str, Any]) -> str:
+    seconds = note["seconds"]
+    return f"{seconds:.1f}" if seconds < 9.95 else f"{seconds:.0f}"
 
 
 def _number(value: float | None) -> str:

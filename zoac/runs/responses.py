@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 KEYS = ("parameters", "time")
-BEFORE, AFTER = ("#B3571F", (0, (4, 1.5))), ("#0072B2", "-")
+BEFORE, AFTER = ("#D55E00", (0, (4, 1.5))), ("#0072B2", "-")
 """Colour and dashes."""
-LOOKS = {"baseline": ("Before", *BEFORE), "tuned": ("After", *AFTER)}
-"""Label, colour and dashes by what the column `parameters` says."""
+LOOKS = {"baseline": ("Before", *BEFORE, 1.0), "tuned": ("After", *AFTER, 1.8)}
+"""Label, colour, dashes and width by what the column `parameters` says."""
 INK, GREY = "#222222", "#8a8a8a"
 WIDTH, HEIGHT = 6.0, 1.9
 """Of the figure, and of each signal's axes [in]."""
@@ -158,17 +158,28 @@ def draw(axes: Axes, table: pd.DataFrame, name: str, specs: Sequence[Mapping[str
     parts = list(table.groupby("parameters", sort=False))
     _, last = parts[-1]
     if reference in last.columns:
-        axes.plot(last["time"], last[reference], color=GREY, lw=2.4, alpha=0.5, label="Reference")
+        axes.plot(last["time"], last[reference], color=GREY, lw=3.2, alpha=0.5, label="Reference")
     for which, part in parts:
-        label, colour, dashes = LOOKS[str(which)]
-        axes.plot(part["time"], part[name], color=colour, ls=dashes, lw=1.3, label=label)
-    values = {column: last[column].to_numpy() for column in last.columns[2:]}
-    for limit in guides.limits(specs, name, last["time"].to_numpy(), values):
-        axes.plot(
-            [limit.since, limit.until], [limit.level] * 2, color=INK, lw=0.8, ls=(0, (6, 3)),
-            label="Limit",
-        )  # fmt: skip
+        label, colour, dashes, width = LOOKS[str(which)]
+        axes.plot(part["time"], part[name], color=colour, ls=dashes, lw=width, label=label)
     axes.margins(x=0.01)
+    values = {column: last[column].to_numpy() for column in last.columns[2:]}
+    _forbid(axes, guides.limits(specs, name, last["time"].to_numpy(), values))
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(color="#e4e4e4", lw=0.5)
     axes.set_axisbelow(True)
+
+
+def _forbid(axes: Axes, limits: Sequence[guides.Limit]) -> None:
+    """Hatch what lies beyond the limits, as far as the axes reach."""
+    low, high = axes.get_ylim()
+    room = 0.1 * (high - low)
+    low = min([low, *(limit.level - room for limit in limits if not limit.upper)])
+    high = max([high, *(limit.level + room for limit in limits if limit.upper)])
+    for limit in limits:
+        axes.fill_between(
+            [limit.since, limit.until], limit.level, high if limit.upper else low,
+            facecolor="none", edgecolor=GREY, hatch="////", lw=0.8, alpha=0.6, zorder=0.5,
+            label="Forbidden",
+        )  # fmt: skip
+    axes.set_ylim(low, high)

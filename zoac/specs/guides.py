@@ -20,11 +20,13 @@ class Limit(NamedTuple):
         level: In the signal's unit.
         since: [s].
         until: [s].
+        upper: Whether values above the level are forbidden, rather than values below.
     """
 
     level: float
     since: float
     until: float
+    upper: bool
 
 
 def plain(spec: Spec) -> dict[str, Any]:
@@ -83,8 +85,8 @@ def limits(
         start, end = float(time[inside][0]), float(time[inside][-1])
         samples = [values[signal][inside] for signal in row["signals"]]
         found += [
-            Limit(float(level), float(since), end)
-            for level, since in _levels(row, start, end, samples)
+            Limit(float(level), float(since), end, upper)
+            for level, since, upper in _levels(row, start, end, samples)
             if since < end
         ]
     return found
@@ -92,22 +94,23 @@ def limits(
 
 def _levels(
     row: Mapping[str, Any], start: float, end: float, samples: Sequence[np.ndarray]
-) -> list[tuple[float, float]]:
-    """Return levels and from when [s] they hold."""
+) -> list[tuple[float, float, bool]]:
+    """Return levels, from when [s] they hold, and whether they are upper limits."""
     most, figure = row["max"], row["figure"]
     if figure == "peak":
-        return [(most, start), (-most, start)] if (samples[0] < 0).any() else [(most, start)]
+        above, below = (most, start, True), (-most, start, False)
+        return [above, below] if (samples[0] < 0).any() else [above]
     if len(samples) < 2:
         return []
     target, step = samples[1][-1], samples[1][-1] - samples[0][0]
     if figure == "overshoot":
-        return [(target + most * step, start)]
+        return [(target + most * step, start, step >= 0)]
     if figure == "settling_time":
         half = row["options"]["band"] * (abs(step) or 1.0)
-        return [(target + half, start + most), (target - half, start + most)]
+        return [(target + half, start + most, True), (target - half, start + most, False)]
     if figure == "steady_state_error":
         since = end - row["options"]["last"] * (end - start)
-        return [(target + most, since), (target - most, since)]
+        return [(target + most, since, True), (target - most, since, False)]
     return []
 
 

@@ -94,7 +94,7 @@ def _told(study: Study, best: Trial) -> Iterator[str]:
     yield from (f"  WARNING: {sentence}" for sentence in result["warnings"])
     folder = shlex.quote(str(study.folder))
     yield f"  study folder: {folder}"
-    yield f"  a page about it: python -m zoac.analysis.report {folder}"
+    yield f"  report: python -m zoac.analysis.report {folder}"
 
 
 def _line(text: str) -> str:
