@@ -1,4 +1,4 @@
-"""A budget as a number of experiments: episodes of full length."""
+"""A budget as a number of experiments, episodes of full length; and the suite's names."""
 
 import json
 
@@ -58,3 +58,14 @@ def test_auto_chooses_by_their_number(tmp_path):
 def test_other_numbers_are_refused(options, told):
     with pytest.raises(ConfigError, match=told):
         zoac.tune(task="lqr", quiet=True, **options)
+
+
+@pytest.mark.parametrize("name", ["suite/lqrr", "lqrr"])
+def test_an_unknown_task_lists_its_own_folder_and_no_other(name, tmp_path):
+    done = commands.run("-m", "zoac.run", f"task={name}", cwd=tmp_path)
+    with pytest.raises(ConfigError) as raised:
+        zoac.make_task(name)
+    for told in (done.stderr, str(raised.value)):
+        assert f"unknown task '{name}'; did you mean '{name[:-1]}'?" in told
+        assert ("suite/water_tank" in told) == name.startswith("suite/")
+        assert "pid_acc" in told

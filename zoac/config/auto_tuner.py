@@ -74,7 +74,9 @@ def budget_of(experiments: Any, budget: Any, task: Task) -> Any:
         budget: Environment steps.
         task: What is tuned.
     """
-    return experiments * task.horizon.steps if is_number(experiments) else budget
+    if not is_number(experiments) or experiments <= 0:  # which is refused where all settings are
+        return budget
+    return experiments * task.horizon.steps
 
 
 def settled(

@@ -103,8 +103,6 @@ def with_whole_steps(overrides: Sequence[str]) -> list[str]:
 
 
 _HOME = re.compile(r"^([+\w.]+)=~(?=/|$)")
-
-
 _STEPS = re.compile(r"(?<=[=,])\d+(?:\.\d+)?[eE]\+?\d+(?=,|$)")
 _COUNTS_STEPS = re.compile(r"\+*(budget|eval_every)=")
 
@@ -150,7 +148,7 @@ def check_overrides(overrides: Sequence[str]) -> None:
             value is None and key in ("method", "experiment", "search")
         ):
             raise ConfigError(
-                f"{text}: expected the name of a {key}; {suggest(str(value), _choices(key))}"
+                f"{text}: expected a name of the group {key}; {suggest(str(value), _choices(key))}"
             )
         if isinstance(value, list) and key != "logger":
             raise ConfigError(
@@ -201,10 +199,8 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
         r"override (\w+)=.*\nInvalid value '(.*)', expected one of \[(.*)\]", text
     ):
         return f"{found[1]}={found[2]!r}; {suggest(found[2], found[3].split(', '))}"
-    if found := re.search(r"override (.*)\nfield '.*' is not Optional", text):
-        return f"{found[1]}: a value is needed"
-    if found := re.search(r"override ~(.*)\n.*does not support deletion", text):
-        return f"~{found[1]}: this key is needed; give it a value instead: {found[1]}=<value>"
+    if found := re.search(r"override (.*)\n.*(is not Optional|does not support deletion)", text):
+        return f"{found[1]}: a value is needed, {found[1].strip('~').partition('=')[0]}=<value>"
     if found := re.search(r"Missing mandatory value: (\w+)", text):
         return f"{found[1]}: a value is needed; {suggest('', _choices(found[1]))}"
     if found := re.search(r"interpolation '(.*)', possible interpolation keys: (.*)", text):
@@ -222,7 +218,7 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
             return f"unknown key {key!r} in {override!r}; {_siblings(key, overrides)}"
     if found := re.search(r"Could not (?:find|load) '(?:hydra/)?(\w+)/(\S*)'", text):
         group = found[0].split("'")[1].removesuffix(f"/{found[2]}")
-        return f"unknown {group} {found[2]!r}; {suggest(found[2], _choices(group))}"
+        return f"unknown {group} {found[2]!r}; {suggest(found[2], _choices(group, found[2]))}"
     return text
 
 
@@ -261,10 +257,13 @@ def _siblings(key: str, overrides: Sequence[str]) -> str:
     return told + suggest(prefix + name, [f"{prefix}{name}" for name in known]) + added
 
 
-def _choices(group: str) -> list[str]:
-    """Return the names of the YAML files of a config group, wherever Hydra finds them."""
+def _choices(group: str, name: str = "") -> list[str]:
+    """Return the names of a group's files and, of "suite/lqr", also those in its folder suite."""
+    folder = name.partition("/")[0]
     with _hydra() as hydra:
-        return hydra.config_loader().get_group_options(group)
+        names = hydra.config_loader().get_group_options
+        inner = names(f"{group}/{folder}") if folder else []
+        return [*names(group), *(f"{folder}/{one}" for one in inner)]
 
 
 def resolved(config: DictConfig) -> dict[str, Any]:

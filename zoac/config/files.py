@@ -76,7 +76,9 @@ def choice(group: str, name: str) -> DictConfig:
         ConfigError: If there is none, or it cannot be used.
     """
     if name not in (known := choices(group)):
-        raise ConfigError(f"unknown {group} {name!r}; {suggest(name, known)}")
+        folder = f"{name.partition('/')[0]}/"  # such as task/suite
+        near = [other for other in known if "/" not in other or other.startswith(folder)]
+        raise ConfigError(f"unknown {group} {name!r}; {suggest(name, near)}")
     node = _read(name, group)
     merged = OmegaConf.create()
     for entry in node.pop("defaults", ["_self_"]):
