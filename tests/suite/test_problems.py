@@ -13,7 +13,7 @@ from zoac.tasks.suite import reactor
 from zoac.tasks.suite.problems import LANDER, land
 
 NAMES = [name for name in choices("task") if name.startswith("suite/")]
-NEEDS = {"loop": "control", "lunar": "Box2D", "swimmer": "mujoco", "double_pendulum": "mujoco",
+NEEDS = {"loop": "control", "lunar": "Box2D", "swimmer": "mujoco", "reacher": "mujoco",
          "half_cheetah": "mujoco"}  # fmt: skip
 
 
