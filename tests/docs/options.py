@@ -66,7 +66,7 @@ def rows_of_file(path: Path, prefix: str, keys: Sequence[str] | None = None) -> 
 def section(group: str) -> Iterator[str]:
     """Yield a table for each choice of a group; one that begins from another names what differs."""
     yield f"## {GROUPS[group]}\n"
-    for name in choices(group):
+    for name in (name for name in choices(group) if "/" not in name):  # not the suite's
         own = OmegaConf.to_container(OmegaConf.load(CONF / group / f"{name}.yaml"))
         yield f"### `{group}={name}`\n"
         if "defaults" in own:
