@@ -143,7 +143,8 @@ def markdown(runs: pd.DataFrame, against: str) -> str:
     ]
     if left_out:
         text.append(
-            f"Left out, since few random experiments are the best there: {', '.join(left_out)}.\n"
+            "Left out, since random search has no runs there or none beats its first: "
+            f"{', '.join(left_out)}.\n"
         )
     for count, group in scored.groupby("experiments"):
         text += [f"## {count:,} experiments\n", _scores(group, against)]
