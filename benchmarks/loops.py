@@ -28,7 +28,7 @@ from benchmarks.loop_specs import Specs, read
 from zoac import specs as requirements
 from zoac.controllers import tuning_rules
 from zoac.core.errors import ConfigError
-from zoac.pid_tuning import PidResult, tune_pid
+from zoac.pid.tuning import PidResult, tune_pid
 from zoac.tasks.suite.loops import Plant, draw
 
 DRAWS = 20

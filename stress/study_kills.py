@@ -30,11 +30,11 @@ from pathlib import Path
 from typing import Any
 
 from zoac.core.errors import StudyFinished, TrialsPending
-from zoac.studies.journal import Journal
-from zoac.studies.program import Program, ProgramError, program
-from zoac.studies.proposals import Proposals
-from zoac.studies.study import Study
-from zoac.studies.trial import Trial
+from zoac.study.program import Program, ProgramError, program
+from zoac.study.proposals import Proposals
+from zoac.study.state.journal import Journal
+from zoac.study.state.trial import Trial
+from zoac.study.study import Study
 
 SPACE = {"kp": (0.0, 20.0), "ki": (1e-3, 10.0, "log"), "mode": {"choices": ["fast", "slow"]}}
 BASELINE = {"kp": 10.0, "ki": 0.1, "mode": "slow"}

@@ -51,14 +51,14 @@ if TYPE_CHECKING:
     from zoac.api import tune as tune
     from zoac.core.errors import Interrupted as Interrupted
     from zoac.loggers.callback import Callback as Callback
-    from zoac.pid_tuning import tune_pid as tune_pid
+    from zoac.pid.tuning import tune_pid as tune_pid
     from zoac.runs.result import Result as Result
     from zoac.runs.result import load_result as load_result
     from zoac.specs.signals import action as action
     from zoac.specs.signals import info as info
     from zoac.specs.signals import observation as observation
-    from zoac.studies.program import program as program
-    from zoac.studies.study import Study as Study
+    from zoac.study.program import program as program
+    from zoac.study.study import Study as Study
 
 _HOMES = {
     "Callback": "loggers.callback",
@@ -69,10 +69,10 @@ _HOMES = {
     "load_result": "runs.result",
     "make_task": "api",
     "observation": "specs.signals",
-    "program": "studies.program",
-    "Study": "studies.study",
+    "program": "study.program",
+    "Study": "study.study",
     "tune": "api",
-    "tune_pid": "pid_tuning",
+    "tune_pid": "pid.tuning",
 }
 __all__ = [
     "Callback", "Interrupted", "Result", "Study", "action", "info", "load_result", "make_task",

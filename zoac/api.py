@@ -26,7 +26,7 @@ from zoac.rollout.task import Task
 from zoac.runs.result import Result, keep_task, result_of
 from zoac.runs.schema import TASK
 from zoac.specs.spec import Spec
-from zoac.studies.carry_out import from_tune
+from zoac.study.carry_out import from_tune
 from zoac.tasks.given_task import given_task, is_by_name, name_of, set_options
 from zoac.tasks.given_task import make_task as make_task
 from zoac.tasks.user_task import UserTask

@@ -138,7 +138,7 @@ def _run(config: DictConfig, again: bool = False) -> dict[str, Any]:
         plain["resume"] = "auto"
     choices = job.runtime.choices
     # Imported here: --help and config errors must not wait for torch.
-    from zoac.cli.experiments import is_program, run_experiments
+    from zoac.study.experiments import is_program, run_experiments
 
     names = {"task": choices["task"], "tuner": choices["tuner"]}
     folder = run_folder.of(plain, **names)

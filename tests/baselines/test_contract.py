@@ -207,7 +207,7 @@ def test_its_choices_can_be_logged(name):
     json.dumps(make(name).describe())
 
 
-# Halving measures few points often, for costs with more noise: `tests/studies/test_halving.py`.
+# Halving measures few points often, for costs with more noise: `tests/study/test_halving.py`.
 @pytest.mark.parametrize("name", [n for n in SEARCHING if n not in ("random", "halving")])
 def test_beats_random_search_on_a_noisy_quadratic(name):
     """On the mean over two seeds, with as many episodes."""

@@ -10,10 +10,10 @@ import pytest
 import zoac
 from tests.envs.test_adapters import Batched, Drift, Integrator
 from tests.support import same_segment
+from zoac.check.controller import hidden_state
 from zoac.controllers.user_controller import ScalarController
 from zoac.core.errors import ConfigError, ControllerError
 from zoac.core.segments import Proposal
-from zoac.preconditions.controller import hidden_state
 from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.user_task import user_task
 from zoac.training.trainer import Trainer

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.doors.test_api import tune
+from tests.test_api import tune
 from zoac.loggers.summary import cost_lines
 
 INTERVAL = "± is a 95% interval"

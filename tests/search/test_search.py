@@ -21,9 +21,9 @@ from zoac.training import identity
 
 optuna = pytest.importorskip("optuna", reason="pip install 'zoac[search]'")
 
-from zoac.cli.option_search import Search, origin  # noqa: E402
-from zoac.cli.search_ranges import distributions  # noqa: E402
-from zoac.search import split  # noqa: E402
+from zoac.search.__main__ import split  # noqa: E402
+from zoac.search.ranges import distributions  # noqa: E402
+from zoac.search.search import Search, origin  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 OPTIONS = {

@@ -11,7 +11,7 @@ import pytest
 
 import zoac
 from tests.specs.loops_to_tune import tuned
-from zoac import check
+from zoac.check.__main__ import main
 from zoac.config.compose import compose_config, resolved
 from zoac.config.factory import build_task
 from zoac.core.errors import ConfigError
@@ -72,7 +72,7 @@ def test_a_tuner_of_parts_of_episodes_is_refused_with_those_that_can(folder):
 
 
 def test_the_check_tells_what_the_baseline_comes_to(folder, capsys):
-    assert check.main(["task=lag"]) == 0
+    assert main(["task=lag"]) == 0
     said = "ok   specs: with the baseline values, over 5 episodes: steady_state_error(y, r) <= 0.2:"
     out = capsys.readouterr().out
     assert said in out
@@ -82,7 +82,7 @@ def test_the_check_tells_what_the_baseline_comes_to(folder, capsys):
 def test_the_check_fails_where_no_episode_lasts(folder, capsys):
     text = dedent(TASK).replace("FirstOrder", "Short")
     (folder / "conf/task/lag.yaml").write_text(text)
-    assert check.main(["task=lag"]) == 1
+    assert main(["task=lag"]) == 1
     assert "FAIL specs: every episode terminates with the baseline" in capsys.readouterr().out
 
 

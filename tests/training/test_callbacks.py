@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import zoac
-from tests.doors.test_api import tune as tune_briefly
+from tests.test_api import tune as tune_briefly
 from tests.training.test_trainer import numbers
 from zoac.core.errors import CallbackError, ConfigError
 from zoac.runs import checkpoint

@@ -7,10 +7,10 @@ import shutil
 
 import pytest
 
-from tests.doors.test_api import tune
 from tests.envs.test_adapters import Drift
 from tests.executors.test_unpicklable import stopped
 from tests.executors.test_unpicklable import tune as tune_briefly
+from tests.test_api import tune
 from zoac.baselines.random_search import RandomSearch
 from zoac.core.errors import RunFolderError
 from zoac.runs import checkpoint, lock, schema

@@ -18,10 +18,13 @@ from zoac.core.errors import suggest
 
 COMMANDS = {
     "run": ("zoac.run", "tune, one run or a sweep"),
-    "check": ("zoac.check", "try a task before tuning: how long episodes are, what can fail"),
-    "search": ("zoac.search", "search a tuner's own options"),
-    "pid": ("zoac.pid", "tune a PID for the plant of a file"),
-    "study": ("zoac.study", "experiments that a script, a rig or a person runs"),
+    "check": (
+        "zoac.check.__main__",
+        "try a task before tuning: how long episodes are, what can fail",
+    ),
+    "search": ("zoac.search.__main__", "search a tuner's own options"),
+    "pid": ("zoac.pid.__main__", "tune a PID for the plant of a file"),
+    "study": ("zoac.study.__main__", "experiments that a script, a rig or a person runs"),
     "report": ("zoac.analysis.report", "one HTML page about a run or a sweep"),
     "table2": ("zoac.analysis.table2", "a table of methods, Table II of the paper"),
     "curves": ("zoac.analysis.curves", "learning curves"),

@@ -67,7 +67,7 @@ def _checked(
     return call
 
 
-PROGRAM = "zoac.studies.program.ProgramTask"
+PROGRAM = "zoac.study.program.ProgramTask"
 """The `_target_` of a task without an environment: experiments of an external program."""
 
 

@@ -1,0 +1,121 @@
+"""A recorded trace is judged by the study's specs as an episode is by a task's."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import zoac
+from zoac import specs
+from zoac.core.errors import ConfigError
+from zoac.study.commands import command
+from zoac.study.study import Study
+
+HARD = specs.overshoot("y", "r", max=0.05)
+SOFT = specs.itae("y", "r", weight=2.0)
+
+
+def response(zeta, wn=6.0, begins=3.0):
+    """Return the step response of a second-order system, its clock not at 0."""
+    t = np.arange(0.0, 4.0, 0.01)
+    damped = wn * np.sqrt(1.0 - zeta**2)
+    y = 1.0 - np.exp(-zeta * wn * t) * (
+        np.cos(damped * t) + zeta / np.sqrt(1.0 - zeta**2) * np.sin(damped * t)
+    )
+    return pd.DataFrame({"time": t + begins, "y": y, "r": 1.0, "note": "text"})
+
+
+def study(folder=None, **options):
+    given = {"specs": [HARD, SOFT], "experiments": 12, "tuner": "cmaes", **options}
+    return Study({"zeta": (0.1, 0.99), "other": (0.0, 1.0)}, folder, **given)
+
+
+def test_specs_with_a_limit_rank_and_the_others_are_the_cost(tmp_path):
+    made = study(tmp_path)
+    trial = made.tell(made.ask(), trace=response(0.2))
+    assert trial.specs[HARD.label] == pytest.approx(np.exp(-np.pi * 0.2 / np.sqrt(0.96)), abs=1e-3)
+    assert trial.cost == pytest.approx(2.0 * trial.specs[SOFT.label])
+    excess = (trial.specs[HARD.label] - 0.05) / 0.05
+    assert trial.violation == pytest.approx(1.0 + excess / (1.0 + excess))
+    kept = made.tell(made.ask(), trace=response(0.8))
+    assert kept.violation == 0.0
+    assert made.best == kept
+    again = Study(folder=tmp_path)
+    assert again.trials == made.trials
+    assert again.settings.specs == (HARD, SOFT)
+    assert again.history[HARD.label].tolist() == [t.specs[HARD.label] for t in made.trials]
+    made.tell(1, trace=response(0.2))  # the same again
+    assert len(made.trials) == 2
+
+
+def test_a_value_that_does_not_exist_is_no_number_in_the_journal(tmp_path):
+    never = specs.settling_time("y", "r", max=1.0)
+    made = study(tmp_path, specs=[never])
+    trial = made.tell(made.ask(), 3.0, trace=response(0.02, wn=2.0))
+    assert trial.violation > 1.0
+    assert trial.cost == 3.0
+    assert np.isnan(trial.specs[never.label])  # infinite, which JSON cannot say
+
+
+def test_tuning_by_traces_keeps_the_overshoot():
+    made = study(experiments=40)
+    for trial in made:
+        made.tell(trial, trace=response(trial.parameters["zeta"]))
+    assert made.best.violation == 0.0
+    assert made.best.parameters["zeta"] > 0.68  # 5% overshoot is a damping of 0.69
+
+
+@pytest.mark.parametrize(
+    ("trace", "given", "says"),
+    [
+        (response(0.5).drop(columns="time"), {}, "no column 'time'"),
+        (response(0.5).rename(columns={"y": "Y"}), {}, "no column 'y'; did you mean 'Y'|no column"),
+        (response(0.5).iloc[::-1], {}, "does not increase"),
+        (response(0.5).assign(y="a"), {}, "'y' holds what is no number"),
+        (response(0.5).assign(y=np.nan), {}, "'y' holds what is not finite"),
+        (response(0.5), {"cost": 1.0}, "give none beside the trace"),
+        (response(0.5), {"failed": "no"}, "one of them"),
+    ],
+)
+def test_a_trace_that_cannot_be_judged_leaves_the_trial_pending(trace, given, says):
+    made = study()
+    trial = made.ask()
+    with pytest.raises(ConfigError, match=says):
+        made.tell(trial, trace=trace, **given)
+    assert made.pending == [trial]
+
+
+def test_what_cannot_judge_a_trace_is_refused():
+    with pytest.raises(ConfigError, match=r"give the study specs=\[...\]"):
+        made = study(specs=[])
+        made.tell(made.ask(), trace=response(0.5))
+    with pytest.raises(ConfigError, match="needs a cost beside it"):
+        made = study(specs=[HARD])
+        made.tell(made.ask(), trace=response(0.5))
+    with pytest.raises(ConfigError, match="figure of zoac.specs over signals"):
+        study(specs=[specs.gain_margin(min=2.0)])
+    with pytest.raises(ConfigError, match="'overshoot' is no spec"):
+        study(specs=["overshoot"])
+
+
+def test_the_command_line_takes_specs_and_traces(tmp_path, capsys):
+    (tmp_path / "space.yaml").write_text("zeta: [0.1, 0.99]\nother: [0, 1]\n")
+    (tmp_path / "specs.yaml").write_text(
+        "- {name: overshoot, signals: [y, r], max: 0.05}\n"
+        "- {name: itae, signals: [y, r], weight: 2.0}\n"
+    )
+    response(0.8).to_csv(tmp_path / "trace.csv")
+    rig = str(tmp_path / "rig")
+    assert command(["create", rig, "--space", str(tmp_path / "space.yaml"), "--specs",
+                    str(tmp_path / "specs.yaml")]) == 0  # fmt: skip
+    assert zoac.Study(folder=rig).settings.specs == (HARD, SOFT)
+    command(["ask", rig])
+    capsys.readouterr()
+    assert command(["tell", rig, "1", "--trace", str(tmp_path / "trace.csv")]) == 0
+    assert json.loads(capsys.readouterr().out)["cost"] > 0
+    assert command(["tell", rig, "1", "--trace", str(tmp_path / "absent.csv")]) == 1
+    (tmp_path / "specs.yaml").write_text("- {name: overshot, signals: [y, r]}\n")
+    assert command(["create", rig + "2", "--space", str(tmp_path / "space.yaml"), "--specs",
+                    str(tmp_path / "specs.yaml")]) == 1  # fmt: skip
+    assert "did you mean 'overshoot'" in capsys.readouterr().err

@@ -1,0 +1,42 @@
+"""Is a task fit to be tuned? `python -m zoac.check task=my_task [task.option=value ...]`
+
+One verdict a line; exit code 1 if any is bad. It works on a user's task from their own folder.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+
+from zoac.check import check
+from zoac.cli.pipes import reader_may_leave
+from zoac.core.errors import ZoacError
+
+
+@reader_may_leave()
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Check the task that the overrides name; return the exit code."""
+    from zoac.config.compose import compose_config, resolved
+    from zoac.config.factory import build_task
+
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if not arguments or arguments[0] in ("-h", "--help"):
+        print(__doc__.strip())
+        return 0 if arguments else 1
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    try:
+        task = build_task(resolved(compose_config(arguments)))
+    except ZoacError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    good = True
+    for verdict in check(task):
+        print(verdict, flush=True)
+        good &= verdict.good
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,112 @@
+"""Checks of a controller: what its actions depend on."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+import numpy as np
+
+from zoac.check.samples import DRAWS, STEPS, Found, draws, segments
+from zoac.controllers.live_controller import live_in
+from zoac.core.controller import Memory
+from zoac.core.segments import Segment
+from zoac.rollout.task import Task
+
+
+def hidden_state(task: Task) -> Found:
+    """The controller is a function of parameters, observation and memory alone."""
+    episodes = segments(task)
+    controller = task.make_controller()
+    parameters = {name: v[None] for name, v in zip(*_named(task, episodes[0]), strict=True)}
+    memory = controller.init(1)
+    live = live_in(memory)
+    for segment in episodes[:2] if live else ():
+        if not np.array_equal(_replayed(task, segment, None, memory), segment.commands):
+            return False, "an earlier episode shows in its actions; begin anew in reset"
+        for one in live:
+            one.begin()
+    # Otherwise the state of a live controller cannot be restored between two calls.
+    twice = not live or task.restore_fault is None
+    for observation in episodes[0].observations[:-1]:
+        given = observation[None].copy()
+        states = [one.state() for one in live if twice]
+        first, following, _ = controller.act(parameters, given, memory if live else _deep(memory))
+        if not np.array_equal(given[0], observation):
+            return False, "it changes the observation that it is given; copy it first"
+        if twice:
+            for one, state in zip(live, states, strict=True):
+                one.restore(state)
+            second, _, _ = controller.act(
+                parameters, observation[None].copy(), memory if live else _deep(memory)
+            )
+        if twice and not np.array_equal(first, second):
+            return False, (
+                "the same input gave two different actions: it has hidden state. Make it an "
+                "object with act and reset that keeps state in its attributes"
+            )
+        memory = following
+    for segment in episodes[:2]:
+        if not np.array_equal(_replayed(task, segment), segment.commands):
+            return False, "a new controller acts otherwise on the same observations"
+    return True, "nothing lasts but its memory"
+
+
+def dead_parameters(task: Task) -> Found:
+    """Every parameter changes the action somewhere."""
+    episodes = segments(task)
+    alive = dict.fromkeys(task.space.names, False)
+    others = _alternatives(task)
+    for segment in episodes:
+        base = _replayed(task, segment)
+        for i, name in enumerate(task.space.names):
+            for other in others[i]:
+                if not alive[name]:
+                    changed = _replayed(task, segment, (i, other))
+                    alive[name] = not np.array_equal(base, changed)
+    dead = [name for name, lives in alive.items() if not lives]
+    if dead:
+        looked = f"in {DRAWS} episodes of {STEPS} steps"
+        return False, f"no effect on any action {looked}: {', '.join(dead)}"
+    return True, f"all {len(alive)} change the action"
+
+
+def _alternatives(task: Task) -> list[list[float]]:
+    """Return values to try for each parameter: both ends, and some between; of choices, all."""
+    d = task.space.dimension
+    x = np.concatenate([draws(task, 2), [np.full(d, -1.0), np.full(d, 1.0)], np.eye(d)])
+    return [sorted(set(column)) for column in task.space.values(x).T.tolist()]
+
+
+def _named(task: Task, segment: Segment) -> tuple[tuple[str, ...], np.ndarray]:
+    return task.space.names, task.space.values(segment.proposal.x)
+
+
+def _replayed(
+    task: Task,
+    segment: Segment,
+    change: tuple[int, float] | None = None,
+    memory: Memory | None = None,
+) -> np.ndarray:
+    """Return the actions (T, m) of a controller on the observations of a segment.
+
+    Args:
+        task: Gives the controller.
+        segment: Whose observations and parameters.
+        change: The index of a parameter and another value for it.
+        memory: The controller's at the start of the episode; None: a fresh one.
+    """
+    names, values = _named(task, segment)
+    if change is not None:
+        values = values.copy()
+        values[change[0]] = change[1]
+    parameters = {name: value[None] for name, value in zip(names, values, strict=True)}
+    controller = task.make_controller()
+    memory, actions = controller.init(1) if memory is None else memory, []
+    for observation in segment.observations[:-1]:
+        action, memory, _ = controller.act(parameters, observation[None].copy(), memory)
+        actions.append(np.asarray(action, dtype=np.float64)[0])
+    return np.stack(actions)
+
+
+def _deep(memory: Memory) -> Memory:
+    return {name: deepcopy(rows) for name, rows in memory.items()}

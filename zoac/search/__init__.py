@@ -1,0 +1,1 @@
+"""Search for a tuner's own options, on Optuna."""

@@ -1,0 +1,226 @@
+"""Carry out a study with a function: `zoac.tune(cost=...)`."""
+
+from __future__ import annotations
+
+import inspect
+import queue
+import shlex
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from zoac.core.errors import (
+    ConfigError,
+    Interrupted,
+    RunFolderError,
+    StudyError,
+    StudyFinished,
+    TrialsPending,
+    suggest,
+)
+from zoac.runs.lock import HeldError, locked
+from zoac.runs.result import Result, result_of
+from zoac.runs.schema import read_result
+from zoac.study.program import Program, ProgramError
+from zoac.study.state import folder as files
+from zoac.study.state.ledger import told
+from zoac.study.state.trial import Trial, measured
+from zoac.study.study import Study
+
+Cost = Callable[[dict[str, Any]], Any]
+
+OPTIONS = (
+    "space", "experiments", "tuner", "seed", "workers", "baseline", "constraints",
+    "acceptance_test", "initial_sigma", "initial_samples", "tuner_options", "folder", "quiet",
+)  # fmt: skip
+"""Options of `zoac.tune` beside `cost`."""
+
+
+def tune_cost(
+    cost: Cost, *, folder: str | Path | None = None, quiet: bool = False, **options: Any
+) -> Result:
+    """Tune by experiments that a function makes; see `zoac.tune`.
+
+    Args:
+        cost: Returns the cost of parameters, or a mapping; see `Study.tell`.
+        folder: Of the study; the same call goes on with it. None: a temporary one.
+        quiet: Print nothing.
+        options: Of `Study`.
+
+    Raises:
+        Interrupted: If Ctrl-C stopped it. What was measured is kept.
+        NothingWorksError: If each of the first ten experiments failed, or all of them.
+        ConfigError: If an option cannot be used.
+        RunFolderError: If another process carries out the study of that folder.
+    """
+    if not callable(cost):
+        raise ConfigError(f"cost={cost!r}: expected a function of the parameters, or zoac.program")
+    where = Path(folder or tempfile.mkdtemp(prefix="zoac-study-")).expanduser()
+    study = Study(folder=where, **options)
+    again = "the same call" if folder else f"the same call with folder={str(where)!r}"
+    try:
+        with locked(where / ".carried-out"):
+            carry_out(study, cost, workers=study.settings.workers, quiet=quiet)
+    except HeldError:
+        raise RunFolderError(f"{where}: another process carries out this study") from None
+    except KeyboardInterrupt:
+        raise _interrupted(study, again) from None
+    best = study.best  # says that none has succeeded
+    if not quiet:
+        print("\n".join(_told(study, best)), flush=True)
+    return result_of(read_result(where), study.settings.fixed, where, None)
+
+
+def _told(study: Study, best: Trial) -> Iterator[str]:
+    """Yield the last lines of a study for the console."""
+    units = {p.name: p.unit for p in study.settings.space.parameters}
+    for name, value in best.parameters.items():
+        number = format(value, ".6g") if isinstance(value, float) else value
+        yield f"  {name} = {number} {units.get(name, '')}".rstrip()
+    baseline = study.trial(1)
+    compared = f"; baseline values: {told(baseline)}" if study.settings.baseline_first else ""
+    yield f"  {told(best)}, experiment {best.number} of {study.settings.experiments}{compared}"
+    result = read_result(study.folder)
+    if (test := result.get("acceptance_test")) is not None:
+        verdict = "the answer beats" if test["accepted"] else "no better was found, it is"
+        yield f"  acceptance test: {verdict} the baseline values: {test['text']}"
+    if result["failures"]:
+        yield f"  failures: {result['failures']}, the first: {_line(result['first_failure'])}"
+    yield from (f"  WARNING: {sentence}" for sentence in result["warnings"])
+    folder = shlex.quote(str(study.folder))
+    yield f"  study folder: {folder}"
+    yield f"  report: python -m zoac.analysis.report {folder}"
+
+
+def _line(text: str) -> str:
+    """Return the first and the last line of a text as one: a program's last words tell most."""
+    first, *others = text.splitlines()
+    return f"{first.removesuffix(': its last lines')}: {others[-1].strip()}" if others else first
+
+
+def carry_out(study: Study, cost: Cost, *, workers: int = 1, quiet: bool = True) -> None:
+    """Run all experiments that are left, those of a process that was killed first.
+
+    Args:
+        study: What is carried out, by this process alone.
+        cost: As for `tune_cost`.
+        workers: How many at a time, each in a thread.
+        quiet: Print nothing.
+
+    Raises:
+        NothingWorksError: If each of the first ten experiments failed.
+    """
+    work = _Work(study, cost, quiet)
+    if workers == 1:
+        work.run()
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            done, _ = wait([pool.submit(work.run) for _ in range(workers)],
+                           return_when=FIRST_EXCEPTION)  # fmt: skip
+            for future in done:
+                future.result()
+        finally:
+            work.stop()
+
+
+class _Work:
+    """What the threads share."""
+
+    def __init__(self, study: Study, cost: Cost, quiet: bool) -> None:
+        self._study, self._cost, self._quiet = study, cost, quiet
+        self._left: queue.SimpleQueue[Trial] = queue.SimpleQueue()
+        for trial in study.pending:
+            self._left.put(trial)
+        self._stopped = threading.Event()
+
+    def stop(self) -> None:
+        """Ask for no more experiments, and kill programs."""
+        self._stopped.set()
+        if isinstance(self._cost, Program):
+            self._cost.stop()
+
+    def run(self) -> None:
+        """Run one experiment after the other until none is left."""
+        while not self._stopped.is_set():
+            try:
+                trial = self._next()
+            except TrialsPending:
+                continue
+            except StudyFinished:
+                return
+            result = self._result(trial)
+            if not self._stopped.is_set():
+                self._tell(trial, result)
+
+    def _next(self) -> Trial:
+        with suppress(queue.Empty):
+            return self._left.get_nowait()
+        return self._study.ask(wait=0.2)
+
+    def _result(self, trial: Trial) -> dict[str, Any]:
+        """Return what to tell of a trial, as arguments of `Study.tell`."""
+        try:
+            answer = self._cost(dict(trial.parameters))
+            measured(answer, self._study.settings.limits)
+        except (ProgramError, ConfigError) as error:
+            return {"failed": str(error)}
+        except Exception as error:  # whatever a user's function raises
+            return {"failed": f"{type(error).__name__}: {error}"}
+        return {"cost": answer}
+
+    def _tell(self, trial: Trial, result: dict[str, Any]) -> None:
+        ended = self._study.tell(trial, **result)
+        if not self._quiet:
+            total = self._study.settings.experiments
+            print(f"experiment {ended.number} of {total}: {_line(told(ended))}", flush=True)
+
+
+def _interrupted(study: Study, again: str) -> Interrupted:
+    """Return the error that holds what is known so far."""
+    trials = study.trials
+    ended = sum(not trial.pending for trial in trials)
+    stopped = Interrupted(
+        f"stopped after {ended} of {study.settings.experiments} experiments; {again} goes on"
+    )
+    with suppress(StudyError):
+        record = files.result(study.settings, trials, study.best)
+        record |= {"finished": False, "warnings": [*record["warnings"], "stopped early"]}
+        stopped.record = record
+        stopped.result = result_of(record, study.settings.fixed, study.folder, None)
+    print(stopped, file=sys.stderr)
+    return stopped
+
+
+def from_tune(given: Mapping[str, Any], defaults: Mapping[str, inspect.Parameter]) -> Result:
+    """Return `tune_cost` with the arguments of `zoac.tune`.
+
+    Args:
+        given: All arguments by name.
+        defaults: The parameters of `zoac.tune`.
+
+    Raises:
+        ConfigError: If one is given that experiments have no use for.
+    """
+    settings = given["settings"]
+    given = {**given, **settings}
+    for name, value in given.items():
+        if name in (*OPTIONS, "cost", "settings"):
+            continue
+        if name in settings or value is not defaults[name].default:
+            raise ConfigError(
+                f"zoac.tune(cost=...) has no option {name!r}: an experiment is one call of the "
+                f"function; {suggest(name, OPTIONS)}"
+            )
+    if given["space"] is None:
+        raise ConfigError("zoac.tune(cost=...) needs a space, such as {'kp': (0, 5)}")
+    chosen = {name: given[name] for name in OPTIONS if given.get(name) is not None}
+    chosen["constraints"] = given["constraints"] or None
+    if chosen["tuner"] == defaults["tuner"].default:
+        chosen["tuner"] = "auto"
+    return tune_cost(given["cost"], **chosen)

@@ -1,0 +1,263 @@
+"""The commands of `python -m zoac.study`: JSON on standard output, the rest on standard error."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omegaconf import OmegaConf
+
+from zoac.core.errors import ConfigError, StudyError, StudyFinished, TrialsPending, ZoacError
+from zoac.runs.schema import RUN, plain
+from zoac.specs.spec import Spec
+from zoac.specs.trace import from_plain
+from zoac.study.carry_out import carry_out
+from zoac.study.dialogue import Dialogue
+from zoac.study.program import program
+from zoac.study.state.trial import Trial
+from zoac.study.study import Study
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ERROR, WAITS, FINISHED, INTERRUPTED = 1, 3, 4, 130
+"""Exit statuses beside 0, and 2 for a command line that cannot be read."""
+
+EXIT_STATUS = """\
+exit status:
+  0    done
+  1    an error, which standard error tells
+  2    the command line cannot be read
+  3    ask: the next experiment depends on trials without a result; try again later
+  4    ask: every experiment has been asked for
+"""
+
+
+def command(arguments: Sequence[str]) -> int:
+    """Run one command; return its exit status."""
+    options = _parser().parse_args(_with_equals(arguments))
+    try:
+        found = options.run(options)
+    except TrialsPending as error:
+        return _say(error, WAITS)
+    except StudyFinished as error:
+        return _say(error, FINISHED)
+    except ZoacError as error:
+        return _say(f"error: {error}", ERROR)
+    except KeyboardInterrupt:
+        return _say("interrupted; the same command goes on", INTERRUPTED)
+    if found is not None:
+        print(json.dumps(plain(found), allow_nan=False))
+    return 0
+
+
+def _say(what: object, status: int) -> int:
+    print(what, file=sys.stderr)
+    return status
+
+
+def _with_equals(arguments: Sequence[str]) -> list[str]:
+    """Return arguments in which `--cost -1e-3` is one: argparse would see an option in it."""
+    joined = list(arguments)
+    if "--cost" in joined[:-1]:
+        at = joined.index("--cost")
+        joined[at : at + 2] = [f"--cost={joined[at + 1]}"]
+    return joined
+
+
+def _create(options: argparse.Namespace) -> dict[str, Any]:
+    folder = Path(options.folder).expanduser()
+    if (folder / RUN).exists():
+        raise ConfigError(f"{folder} holds a study or run already; choose another folder")
+    study = Study(
+        space=_mapping(options.space),
+        folder=folder,
+        tuner=options.tuner,
+        experiments=options.experiments,
+        seed=options.seed,
+        workers=options.workers,
+        baseline=None if options.baseline is None else _mapping(options.baseline),
+        baseline_first=not options.no_baseline_first,
+        constraints=_numbers(options.limit, "--limit"),
+        specs=_specs(options.specs),
+        acceptance_test=options.acceptance_test,
+        trial_timeout=options.trial_timeout,
+    )
+    return {"folder": str(study.folder), "tuner": study.settings.tuner}
+
+
+def _yaml(path: str) -> Any:
+    """Return what a YAML file holds."""
+    try:
+        return OmegaConf.to_container(OmegaConf.load(path))
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    except Exception as error:  # whatever a YAML reader raises
+        raise ConfigError(f"{path}: cannot be read as YAML: {error}") from None
+
+
+def _specs(path: str | None) -> list[Spec]:
+    content = [] if path is None else _yaml(path)
+    if not isinstance(content, list):
+        raise ConfigError(f"{path}: expected a list of specs")
+    return [from_plain(entry) for entry in content]
+
+
+def _mapping(path: str) -> dict[str, Any]:
+    """Return what a YAML file has by name."""
+    content = _yaml(path)
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path}: expected entries by name, such as `kp: [0, 20]`")
+    return {str(name): value for name, value in content.items()}
+
+
+def _numbers(given: Sequence[str] | None, option: str) -> dict[str, float]:
+    numbers = {}
+    for text in given or ():
+        name, equals, value = text.partition("=")
+        try:
+            numbers[name] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals or not name:
+            raise ConfigError(f"{option} {text!r}: expected name=number")
+    return numbers
+
+
+def _study(options: argparse.Namespace) -> Study:
+    return Study(folder=options.folder)
+
+
+def _ask(options: argparse.Namespace) -> dict[str, Any]:
+    trial = _study(options).ask(by=options.by, wait=options.wait)
+    return {"number": trial.number, "parameters": trial.parameters}
+
+
+def _tell(options: argparse.Namespace) -> dict[str, Any]:
+    trial = _study(options).tell(
+        options.number,
+        options.cost,
+        failed=options.failed,
+        trace=None if options.trace is None else _table(options.trace),
+        metrics=_numbers(options.metric, "--metric"),
+        constraints=_numbers(options.constraint, "--constraint"),
+    )
+    return _told(trial)
+
+
+def _table(path: str) -> pd.DataFrame:
+    import pandas as pd
+
+    try:
+        return pd.read_csv(path)
+    except (OSError, ValueError) as error:  # of the parser too
+        raise ConfigError(f"{path}: cannot be read as a table: {error}") from None
+
+
+def _abandon(options: argparse.Namespace) -> dict[str, Any]:
+    return _told(_study(options).abandon(options.number, options.reason))
+
+
+def _told(trial: Trial) -> dict[str, Any]:
+    told = {"number": trial.number, "state": trial.state, "parameters": trial.parameters}
+    more = {"cost": trial.cost, "reason": trial.reason, "metrics": trial.metrics,
+            "constraints": trial.constraints}  # fmt: skip
+    return told | {key: value for key, value in more.items() if value not in (None, {})}
+
+
+def _status(options: argparse.Namespace) -> dict[str, Any]:
+    study = _study(options)
+    states = [trial.state for trial in study.trials]
+    best = None
+    with suppress(StudyError):
+        best = _told(study.best)
+    return {
+        "experiments": study.settings.experiments,
+        "asked": len(states),
+        **{state: states.count(state) for state in ("told", "failed", "abandoned")},
+        "pending": [trial.number for trial in study.pending],
+        "finished": study.finished,
+        "best": best,
+    }
+
+
+def _best(options: argparse.Namespace) -> dict[str, Any]:
+    return _told(_study(options).best)
+
+
+def _export(options: argparse.Namespace) -> dict[str, Any]:
+    return {"file": str(_study(options).export(options.file))}
+
+
+def _run(options: argparse.Namespace) -> dict[str, Any]:
+    study = _study(options)
+    cost = program(options.command, timeout=options.timeout, retries=options.retries)
+    carry_out(study, cost, workers=study.settings.workers)
+    return _told(study.best)
+
+
+def _interactive(options: argparse.Namespace) -> None:
+    Dialogue(_study(options)).run()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m zoac.study",
+        description="Experiments that a script, a rig or a person runs.",
+        epilog=EXIT_STATUS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(required=True, metavar="command")
+
+    def add(name: str, run: Callable[[argparse.Namespace], Any], text: str) -> Any:
+        added = commands.add_parser(name, help=text, description=text)
+        added.set_defaults(run=run)
+        added.add_argument("folder", help="of the study")
+        return added
+
+    create = add("create", _create, "begin a study")
+    create.add_argument("--space", required=True, metavar="YAML",
+                        help="file with bounds by name, such as `kp: [0, 20]`")  # fmt: skip
+    create.add_argument("--experiments", type=int, default=60)
+    create.add_argument("--tuner", default="auto")
+    create.add_argument("--seed", type=int, default=0)
+    create.add_argument("--workers", type=int, default=1, help="experiments planned side by side")
+    create.add_argument("--baseline", metavar="YAML", help="file with the values in use today")
+    create.add_argument("--no-baseline-first", action="store_true",
+                        help="do not make the baseline the first experiment")  # fmt: skip
+    create.add_argument("--limit", action="append", metavar="NAME=NUMBER", help="of a constraint")
+    create.add_argument("--specs", metavar="YAML", help="file with a list of specs, such as "
+                        "`- {name: overshoot, signals: [y, r], max: 0.05}`")  # fmt: skip
+    create.add_argument("--acceptance-test", type=float, metavar="FRACTION",
+                        help="of the experiments, to compare answer and baseline")  # fmt: skip
+    create.add_argument("--trial-timeout", type=float, metavar="SECONDS",
+                        help="after which an experiment without a result is abandoned")  # fmt: skip
+    ask = add("ask", _ask, "print the next experiment")
+    ask.add_argument("--by", default="", help="who asks, for people")
+    ask.add_argument("--wait", type=float, default=0.0, metavar="SECONDS",
+                     help="for results that the next experiment depends on")  # fmt: skip
+    tell = add("tell", _tell, "tell the result of an experiment")
+    tell.add_argument("number", type=int)
+    tell.add_argument("--cost", type=float)
+    tell.add_argument("--failed", metavar="WHY")
+    tell.add_argument("--trace", metavar="CSV", help="judged by the study's specs")
+    for kind in ("metric", "constraint"):
+        tell.add_argument(f"--{kind}", action="append", metavar="NAME=NUMBER")
+    abandon = add("abandon", _abandon, "give up an experiment that never comes back")
+    abandon.add_argument("number", type=int)
+    abandon.add_argument("--reason", default="given up")
+    add("status", _status, "print how far the study is")
+    add("best", _best, "print the answer so far")
+    export = add("export", _export, "write the answer as .yaml, .json, .h or .m")
+    export.add_argument("file")
+    run = add("run", _run, "carry the study out with a program that answers in JSON")
+    run.add_argument("--timeout", type=float, metavar="SECONDS")
+    run.add_argument("--retries", type=int, default=0)
+    run.add_argument("command", nargs="+", help="behind --")
+    add("interactive", _interactive, "run the experiments by hand")
+    return parser

@@ -1,0 +1,196 @@
+"""From results to the parameters of the next experiments, by any tuner of whole episodes.
+
+An experiment is told to the tuner as an episode of one step. A tuner asks for a batch and learns
+once all of it has a result. So the parameters of an experiment depend on the results of earlier
+batches alone: neither on the order in which results are told nor on restarts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from zoac.config import factory
+from zoac.core.errors import ConfigError, RunFolderError, TrialsPending
+from zoac.core.segments import Proposal, Segment
+from zoac.core.tuner import Problem, Tuner
+from zoac.strategies.base import search_budget
+from zoac.study.state.settings import StudySettings
+from zoac.study.state.trial import Trial
+
+SAME = 1e-9
+"""Normalised parameters closer than this are one experiment."""
+
+DRIFT = 1e-6
+"""How far another processor's rounding may move what a tuner proposes."""
+
+one_thread = partial(threadpool_limits, 1)
+"""The models of a study are small: more threads make them slower, and round otherwise."""
+
+Results = Callable[[int], Trial]
+"""The trial of a number."""
+
+
+class Proposals:
+    """The parameters of a study's experiments, one after the other.
+
+    The baseline is the first experiment, if that is wanted. If the tuner's first batch holds it
+    too, it is measured once. Where a tuner has nothing more to ask, its recommendation is measured
+    again.
+    """
+
+    def __init__(self, settings: StudySettings) -> None:
+        """
+        Raises:
+            ConfigError: If the tuner cannot be used.
+        """
+        self._settings = settings
+        space = settings.space
+        self._baseline = None if settings.baseline is None else space.normalise(settings.baseline)
+        self.tuner = self._make()
+        self._first = 1  # number of the batch's first experiment
+        self._asked = self._ask()
+        self.batch = self._asked or [Proposal(self.tuner.recommend(), 0)]
+        """The experiments that the tuner waits for."""
+        if settings.baseline_first:
+            assert self._baseline is not None
+            others = [p for p in self._asked if not self._is_baseline(p)]
+            self.batch = [Proposal(self._baseline, 0), *others]
+
+    @property
+    def measures_again(self) -> bool:
+        """See `Tuner.measures_again`."""
+        return self.tuner.measures_again
+
+    def _make(self) -> Tuner:
+        settings = self._settings
+        problem = Problem(
+            space=settings.space,
+            observation_size=1,
+            num_envs=settings.workers,
+            budget=max(1, settings.experiments - settings.baseline_first),
+            max_episode_steps=1,
+            seed=settings.seed,
+            start=self._baseline,
+            supports_snapshots=False,
+            baseline=self._baseline,
+        )
+        names = ("seed", "acceptance_test", "initial_sigma", "initial_samples")
+        given = {name: getattr(settings, name) for name in names}
+        of_run = {"budget": problem.budget, "num_envs": settings.workers, **given}
+        return factory.build_tuner_for(settings.node, problem, factory.build_settings(of_run))
+
+    def x(self, number: int, results: Results) -> np.ndarray:
+        """Return the normalised parameters (d,) of an experiment.
+
+        Args:
+            number: Of the experiment; not below that of the last call.
+            results: Returns earlier trials.
+
+        Raises:
+            TrialsPending: If that depends on trials without a result.
+        """
+        with one_thread():
+            while number >= self._first + len(self.batch):
+                self._advance(results)
+        return self.batch[number - self._first].x
+
+    def conclusion(self, results: Results) -> tuple[np.ndarray, dict[str, Any]]:
+        """Return the tuner's recommendation (d,) after all experiments, and its outcome."""
+        with one_thread():
+            while self._first + len(self.batch) <= self._settings.experiments + 1:
+                self._advance(results)
+        return self.tuner.recommend(), self.tuner.outcome()
+
+    def _advance(self, results: Results) -> None:
+        """Tell the tuner the batch and ask for the next."""
+        numbers = range(self._first, self._first + len(self.batch))
+        trials = [results(number) for number in numbers]
+        if pending := [str(trial.number) for trial in trials if trial.pending]:
+            raise TrialsPending(
+                f"the next experiment depends on trial(s) {', '.join(pending)}, which have no "
+                "result yet; tell or abandon them"
+            )
+        for proposal, trial in zip(self.batch, trials, strict=True):
+            self._refuse_other(proposal, trial)
+        if self._asked:
+            segments = [segment(p, t) for p, t in zip(self.batch, trials, strict=True)]
+            self.tuner.tell(self._of_the_asked(segments))
+        self._first += len(self.batch)
+        self._asked = self._ask()
+        self.batch = self._asked or [Proposal(self.tuner.recommend(), 0)]
+
+    def _of_the_asked(self, segments: Sequence[Segment]) -> list[Segment]:
+        """Return the segment of each proposal of the tuner."""
+        if self._first > 1 or not self._settings.baseline_first:
+            return list(segments)
+        baseline, *others = segments
+        rest = iter(others)
+        return [baseline if self._is_baseline(p) else next(rest) for p in self._asked]
+
+    def _ask(self) -> list[Proposal]:
+        asked = self.tuner.ask()
+        if any(p.restore or p.horizon is not None for p in asked):
+            raise ConfigError(
+                f"tuner={self._settings.tuner!r} asks for parts of episodes, and a study has "
+                "whole experiments only"
+            )
+        return asked
+
+    def _is_baseline(self, proposal: Proposal) -> bool:
+        assert self._baseline is not None
+        return bool(np.allclose(proposal.x, self._baseline, rtol=0.0, atol=SAME))
+
+    def _refuse_other(self, proposal: Proposal, trial: Trial) -> None:
+        x = self._settings.space.clip(proposal.x)
+        if not np.allclose(x, trial.x, rtol=0.0, atol=DRIFT):
+            raise RunFolderError(
+                f"trial {trial.number} has other parameters than tuner {self._settings.tuner!r} "
+                "proposes here and now for the same results. Go on with the versions that run.json "
+                "names, or start a new study"
+            )
+
+
+def check(settings: StudySettings) -> Tuner:
+    """Return the tuner; refuse one whose first batch is larger than what it may spend.
+
+    Raises:
+        ConfigError: If it is, or the tuner cannot be used.
+    """
+    searches = settings.experiments - settings.baseline_first
+    if settings.acceptance_test is not None:
+        Proposals(settings)  # says what it needs
+        searches = search_budget(searches, settings.acceptance_test)
+    plain = replace(settings, experiments=searches, baseline_first=False, acceptance_test=None,
+                    initial_samples=None)  # fmt: skip
+    proposals = Proposals(plain)
+    size = len(proposals.batch)
+    if size > searches:
+        raise ConfigError(
+            f"experiments={settings.experiments}: tuner {settings.tuner!r} learns from {size} at "
+            f"a time, and {searches} are left for its search; allow more experiments, or choose "
+            "a tuner that learns from each, such as bo"
+        )
+    return proposals.tuner
+
+
+def segment(proposal: Proposal, trial: Trial) -> Segment:
+    """Return a trial as an episode of one step; a cost without bound if it failed."""
+    told = trial.state == "told"
+    return Segment(
+        proposal=proposal,
+        observations=np.zeros((2, 1)),
+        actions=np.zeros((1, 1)),
+        commands=np.zeros((1, 1)),
+        costs=np.array([trial.cost if told else np.inf], dtype=np.float64),
+        terminated=not told,
+        truncated=told,
+        starts_episode=True,
+        failure=None if told else (trial.reason or trial.state),
+        violation=trial.violation,
+    )

@@ -1,0 +1,205 @@
+"""What the rows of a journal come to: the trials of a study."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zoac.core.errors import NothingWorksError, RunFolderError, StudyError, StudyFinished
+from zoac.rollout.outcomes import ranking
+from zoac.study.state.trial import Measured, Trial, same_result, told_row, violation
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+HOPELESS = 10
+"""First experiments of which one must not fail."""
+
+
+class Ledger:
+    """The trials of a study, as its journal tells them."""
+
+    def __init__(self, limits: Mapping[str, float]) -> None:
+        """
+        Args:
+            limits: Of constraints, by name.
+        """
+        self._limits = limits
+        self._trials: list[Trial] = []
+
+    def __len__(self) -> int:
+        return len(self._trials)
+
+    def take(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Take in the next rows of the journal.
+
+        Raises:
+            RunFolderError: If they contradict earlier ones.
+        """
+        for row in rows:
+            number = row["number"]
+            if row["kind"] == "asked":
+                if number != len(self._trials) + 1:
+                    raise RunFolderError(f"the journal asks for trial {number} out of turn")
+                x = tuple(row["x"])
+                self._trials.append(
+                    Trial(number, row["parameters"], x, by=row["by"], asked=row["time"])
+                )
+                continue
+            if not self.trial(number).pending:
+                raise RunFolderError(f"the journal has two results of trial {number}")
+            self._trials[number - 1] = self._ended(self._trials[number - 1], row)
+
+    def _ended(self, trial: Trial, row: Mapping[str, Any]) -> Trial:
+        constraints = _numbers(row.get("constraints"))
+        return replace(
+            trial,
+            state=row["kind"],
+            cost=row.get("cost"),
+            metrics=_numbers(row.get("metrics")),
+            constraints=constraints,
+            specs=_numbers(row.get("specs")),
+            violation=violation(constraints, self._limits) + row.get("excess", 0.0),
+            reason=row.get("reason"),
+            ended=row["time"],
+        )
+
+    def has(self, number: int, kind: str, result: Measured | str) -> bool:
+        """Tell whether a trial has this very result already.
+
+        Raises:
+            StudyError: If it has another one, or there is no such trial.
+        """
+        trial = self.trial(number)
+        if trial.pending:
+            return False
+        if same_result(trial, result, kind):
+            return True
+        raise StudyError(f"trial {number} has a result already: {told(trial)}")
+
+    def trial(self, number: int) -> Trial:
+        """Return a trial.
+
+        Raises:
+            StudyError: If there is none of this number.
+        """
+        if not isinstance(number, int) or not 1 <= number <= len(self._trials):
+            known = f"1 to {len(self._trials)}" if self._trials else "none so far"
+            raise StudyError(f"there is no trial {number!r}; asked: {known}")
+        return self._trials[number - 1]
+
+    @property
+    def trials(self) -> list[Trial]:
+        """All trials, by number."""
+        return list(self._trials)
+
+    @property
+    def pending(self) -> list[Trial]:
+        """Trials without a result."""
+        return [trial for trial in self._trials if trial.pending]
+
+    def next_number(self, experiments: int) -> int:
+        """Return the number of the next trial.
+
+        Raises:
+            StudyFinished: If the study's experiments have all been asked for.
+        """
+        if len(self) == experiments:
+            out = len(self.pending)
+            more = f"; {out} of them have no result yet" if out else ""
+            raise StudyFinished(f"all {experiments} experiments have been asked for{more}")
+        return len(self) + 1
+
+    def overdue(self, now: float, limit: float | None) -> list[dict[str, Any]]:
+        """Return a row for each trial to be abandoned: asked longer ago than the limit [s]."""
+        if limit is None:
+            return []
+        reason = f"no result within {limit:g} s"
+        late = [t for t in self.pending if now - t.asked > limit]
+        return [told_row(t.number, reason, "abandoned", now) for t in late]
+
+    def refuse_hopeless(self) -> None:
+        """Refuse to go on if the first experiments all failed.
+
+        Raises:
+            NothingWorksError: If each of the first `HOPELESS` did.
+        """
+        first = self._trials[:HOPELESS]
+        if len(first) == HOPELESS and all(t.state in ("failed", "abandoned") for t in first):
+            reasons = dict.fromkeys(str(first[i].reason) for i in (0, -1))
+            raise NothingWorksError(
+                f"each of the first {HOPELESS} experiments failed, so that there is nothing to "
+                f"learn from: {'; '.join(reasons)}\nMend that, and begin a new study"
+            )
+
+    @property
+    def has_repetitions(self) -> bool:
+        """Whether some parameters were measured more than once."""
+        return len({trial.x for trial in self._trials}) < len(self._trials)
+
+    @property
+    def ended(self) -> int:
+        """How many trials have a result."""
+        return len(self._trials) - len(self.pending)
+
+    def best(self, x: np.ndarray | None = None) -> Trial:
+        """Return the trial of the least violation, and of the least cost among equals.
+
+        Args:
+            x: Look only at trials with these normalised parameters (d,), failed ones if there is
+                no other.
+
+        Raises:
+            StudyError: If none has succeeded.
+        """
+        there = [t for t in self._trials if x is None or _is_at(t, x)]
+        good = [t for t in there if t.state == "told"]
+        if x is not None and there and not good:
+            return there[0]
+        if not good:
+            first = next((t for t in self._trials if t.reason), None)
+            told = f"; trial {first.number}: {first.reason}" if first else ""
+            raise StudyError(f"no experiment has succeeded yet{told}")
+        costs = np.array([t.cost for t in good], dtype=np.float64)
+        return good[ranking(np.array([t.violation for t in good]), costs)[0]]
+
+    def frame(self) -> pd.DataFrame:
+        """Return a row for each trial."""
+        import pandas as pd
+
+        rows = []
+        for t in self._trials:
+            row = {
+                "number": t.number,
+                "state": t.state,
+                "cost": math.nan if t.cost is None else t.cost,
+                "violation": t.violation,
+                "by": t.by,
+                "reason": t.reason,
+                "asked": t.asked,
+                "ended": math.nan if t.ended is None else t.ended,
+            }
+            for kind in ("parameters", "metrics", "constraints", "specs"):
+                for name, value in getattr(t, kind).items():
+                    row[f"{kind}.{name}" if name in row else name] = value
+            rows.append(row)
+        return pd.DataFrame(rows)
+
+
+def told(trial: Trial) -> str:
+    """Return a trial's result in words."""
+    if trial.state == "told":
+        return f"cost {trial.cost:.6g}"
+    return trial.state + (f" ({trial.reason})" if trial.reason else "")
+
+
+def _is_at(trial: Trial, x: np.ndarray) -> bool:
+    return bool(np.allclose(trial.x, np.clip(x, -1.0, 1.0), rtol=0.0, atol=1e-9))
+
+
+def _numbers(given: Mapping[str, float | None] | None) -> dict[str, float]:
+    return {name: math.nan if v is None else v for name, v in (given or {}).items()}

@@ -1,0 +1,300 @@
+"""A study: it proposes experiments and is told what came of them."""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zoac.core.errors import ConfigError, StudyError, StudyFinished, TrialsPending
+from zoac.core.parameters import ParameterSpace
+from zoac.runs.export import export
+from zoac.specs.spec import Spec
+from zoac.study.proposals import Proposals
+from zoac.study.state import folder as files
+from zoac.study.state.journal import Journal
+from zoac.study.state.ledger import Ledger
+from zoac.study.state.settings import new_settings
+from zoac.study.state.trial import Measured, Trial, asked_row, measured, measured_trace, told_row
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class Study:
+    """Experiments that something else runs: a rig, a licensed simulator, a person.
+
+        study = zoac.Study(space={"kp": (0, 20), "ki": (0, 5)}, folder="rig", experiments=60)
+        for trial in study:
+            study.tell(trial, cost(trial.parameters))
+        print(study.best.parameters)
+
+    The folder is the study: several processes may open it at once, and each may be killed at any
+    instant. A result that was told is on the disk when `tell` returns, and counts once. The
+    parameters of an experiment depend on the settings and the results of earlier ones, and on
+    nothing else: neither on who asks, nor on the order of results, nor on restarts.
+    """
+
+    def __init__(
+        self,
+        space: ParameterSpace | Mapping[str, Any] | None = None,
+        folder: str | Path | None = None,
+        *,
+        tuner: str = "auto",
+        experiments: int = 60,
+        seed: int = 0,
+        workers: int = 1,
+        baseline: Mapping[str, Any] | None = None,
+        baseline_first: bool = True,
+        constraints: Mapping[str, float] | None = None,
+        specs: Sequence[Spec] = (),
+        acceptance_test: float | None = None,
+        initial_sigma: float | None = None,
+        initial_samples: int | None = None,
+        tuner_options: Mapping[str, Any] | None = None,
+        trial_timeout: float | None = None,
+        name: str | None = None,
+        variant: str | None = None,
+    ) -> None:
+        """
+        Args:
+            space: Bounds by name, as `zoac.tune` takes them; None: open the study in `folder`,
+                whatever its other settings are.
+            folder: Of the study; a study of the same settings goes on. None: a temporary one.
+            tuner: "bo", "cmaes", "cmaes_full", "es", "halving", "nevergrad", "optuna", "random";
+                "auto": Bayesian optimisation for one worker and few experiments, else CMA-ES.
+            experiments: How many there are, failed and abandoned ones included.
+            seed: Of everything random.
+            workers: Experiments that may be under way side by side: a tuner plans so many at a
+                time. More may be out if its batches are larger.
+            baseline: Values in use today, beside those that `space` names.
+            baseline_first: Make the baseline values the first experiment.
+            constraints: Limits by name: a measured value above its limit is a violation, and less
+                violation goes before less cost.
+            specs: Of `zoac.specs`, which judge the traces that are told.
+            acceptance_test: Fraction of the experiments, such as 0.2, in which baseline and
+                recommendation are measured in turn; the answer is the baseline unless the other
+                proves better.
+            initial_sigma: As in `zoac.tune`.
+            initial_samples: As in `zoac.tune`.
+            tuner_options: By name.
+            trial_timeout: Seconds after which a trial without a result is abandoned, at the next
+                `ask`; None: never.
+            name: What tables and reports call a new study; None: its folder's name.
+            variant: What tells it, in tables, from studies of the same name, tuner and seed.
+
+        Raises:
+            ConfigError: If something given cannot be used.
+            RunFolderError: If the folder holds another study, or cannot be used.
+        """
+        if space is None and folder is None:
+            raise ConfigError("a study needs a space, or the folder of one that was begun")
+        path = Path(folder or tempfile.mkdtemp(prefix="zoac-study-")).expanduser()
+        settings = None
+        if space is not None:
+            settings = new_settings(
+                space=space, tuner=tuner, experiments=experiments, seed=seed, workers=workers,
+                baseline=baseline, baseline_first=baseline_first, constraints=constraints,
+                specs=specs, acceptance_test=acceptance_test, initial_sigma=initial_sigma,
+                initial_samples=initial_samples, tuner_options=tuner_options,
+            )  # fmt: skip
+        self.folder = path
+        called = (name or path.resolve().name, variant)
+        self.settings, self.trial_timeout = files.opened(path, settings, trial_timeout, called)
+        self._journal = Journal(path)
+        self._ledger = Ledger(self.settings.limits)
+        self._mutex = threading.RLock()
+        if self.finished and not files.is_done(path):  # killed before the result was written
+            with self._journal.writing():
+                self._finish()
+
+    def ask(self, *, by: str = "", wait: float = 0.0) -> Trial:
+        """Return the next experiment.
+
+        Args:
+            by: Who asks; kept with the trial, for people.
+            wait: Seconds to wait for results of other trials if this one depends on them.
+
+        Raises:
+            StudyFinished: If all experiments have been asked for.
+            TrialsPending: If the next experiment depends on trials without a result.
+            NothingWorksError: If each of the first ten experiments failed.
+        """
+        until = time.monotonic() + wait
+        while True:
+            try:
+                return self._ask(by)
+            except TrialsPending:
+                if time.monotonic() >= until:
+                    raise
+            time.sleep(min(0.05, max(0.0, until - time.monotonic())))
+
+    def _ask(self, by: str) -> Trial:
+        with self._mutex, self._journal.writing():
+            self._refresh()
+            self._write(*self._ledger.overdue(time.time(), self.trial_timeout))
+            self._finish()
+            self._ledger.refuse_hopeless()
+            number = self._ledger.next_number(self.settings.experiments)
+            x = self._tuner.x(number, self._ledger.trial)
+            self._write(asked_row(number, self.settings.space, self.settings.fixed, x, by))
+            return self._ledger.trial(number)
+
+    def tell(
+        self,
+        trial: Trial | int,
+        cost: Any = None,
+        *,
+        failed: str | None = None,
+        trace: pd.DataFrame | None = None,
+        metrics: Mapping[str, float] | None = None,
+        constraints: Mapping[str, float] | None = None,
+    ) -> Trial:
+        """Take the result of an experiment; return the trial with it.
+
+        Telling the same result again changes nothing.
+
+        Args:
+            trial: The trial or its number.
+            cost: To be minimised; or a mapping with `cost`, and if wanted `metrics` and
+                `constraints`.
+            trace: Instead: the signals of the experiment by column, and `time` [s]. The study's
+                specs judge it; those without a limit are the cost, unless all have one.
+            failed: Instead: why the experiment failed. It then ranks behind all that did not.
+            metrics: Further numbers by name, which are recorded.
+            constraints: Measured values by name.
+
+        Raises:
+            ConfigError: If the result cannot be used; nothing is recorded.
+            StudyError: If there is no such trial, or it has another result.
+        """
+        if (cost is None and trace is None) == (failed is None):
+            raise ConfigError("tell needs a cost, a trace or the reason of a failure, one of them")
+        if failed is not None:
+            return self._end(trial, "failed", str(failed))
+        given = cost, self.settings.limits, metrics, constraints
+        if trace is None:
+            return self._end(trial, "told", measured(*given))
+        return self._end(trial, "told", measured_trace(trace, self.settings.specs, *given))
+
+    def abandon(self, trial: Trial | int, reason: str = "given up") -> Trial:
+        """Give up an experiment that will never have a result; it counts as failed.
+
+        Raises:
+            StudyError: If there is no such trial, or it has a result.
+        """
+        return self._end(trial, "abandoned", reason)
+
+    def _end(self, trial: Trial | int, kind: str, result: Measured | str) -> Trial:
+        number = trial.number if isinstance(trial, Trial) else int(trial)
+        with self._mutex, self._journal.writing():
+            self._refresh()
+            if not self._ledger.has(number, kind, result):
+                self._write(told_row(number, result, kind, time.time()))
+            self._finish()
+            return self._ledger.trial(number)
+
+    def _write(self, *rows: dict[str, Any]) -> None:
+        if rows:
+            self._journal.append(rows)
+            self._refresh()
+
+    def _refresh(self) -> None:
+        with self._mutex:
+            self._ledger.take(self._journal.news())
+
+    def __iter__(self) -> Iterator[Trial]:
+        """Yield the experiments that are left, and wait for results of others where needed.
+
+        Raises:
+            StudyError: If the next is wanted before the last has a result.
+        """
+        while True:
+            try:
+                trial = self.ask(wait=np.inf)
+            except StudyFinished:
+                return
+            yield trial
+            if self.trial(trial.number).pending:
+                raise StudyError(f"trial {trial.number} has no result; tell or abandon it first")
+
+    def trial(self, number: int) -> Trial:
+        """Return a trial as it is now; a `StudyError` if there is none of this number."""
+        self._refresh()
+        return self._ledger.trial(number)
+
+    @property
+    def trials(self) -> list[Trial]:
+        """All trials so far, by number."""
+        self._refresh()
+        return self._ledger.trials
+
+    @property
+    def pending(self) -> list[Trial]:
+        """Trials without a result."""
+        self._refresh()
+        return self._ledger.pending
+
+    @property
+    def finished(self) -> bool:
+        """Whether every experiment has a result."""
+        self._refresh()
+        return self._ledger.ended == self.settings.experiments
+
+    @property
+    def best(self) -> Trial:
+        """The experiment of the answer: the one of the least violation, and of the least cost.
+
+        After an acceptance test or repetitions, of those with the values that were chosen.
+
+        Raises:
+            StudyError: If no experiment has succeeded yet.
+        """
+        return self._conclusion[0]
+
+    @property
+    def outcome(self) -> dict[str, Any]:
+        """The verdict of a finished acceptance test; empty without one."""
+        return self._conclusion[1]
+
+    @property
+    def _conclusion(self) -> tuple[Trial, dict[str, Any]]:
+        with self._mutex:
+            tested = self.settings.acceptance_test is not None
+            again = self._ledger.has_repetitions and self._tuner.measures_again
+            if not self.finished or not (tested or again):
+                return self._ledger.best(), {}
+            x, outcome = self._tuner.conclusion(self._ledger.trial)
+            return self._ledger.best(x), outcome
+
+    @cached_property
+    def _tuner(self) -> Proposals:
+        return Proposals(self.settings)
+
+    @property
+    def history(self) -> pd.DataFrame:
+        """A row for each trial: number, state, cost, its parameters, metrics and constraints."""
+        self._refresh()
+        return self._ledger.frame()
+
+    def export(self, path: str | Path) -> Path:
+        """Write the best parameters as `.yaml`, `.json`, `.h` (C) or `.m` (MATLAB).
+
+        Raises:
+            ConfigError: If it cannot be written so.
+            StudyError: If no experiment has succeeded yet.
+        """
+        units = {p.name: p.unit for p in self.settings.space.parameters}
+        return export(self.best.parameters, path, units)
+
+    def _finish(self) -> None:
+        """Write the result of a study that is finished; the lock must be held."""
+        succeeded = any(trial.state == "told" for trial in self.trials)
+        if self.finished and succeeded and not files.is_done(self.folder):
+            files.write_result(self.folder, self.settings, self.trials, self.best, self.outcome)
