@@ -11,8 +11,9 @@ import pytest
 
 import zoac
 from benchmarks.loop_plants import Experiment, figures, margins, simulate
-from zoac import pid_tuning, specs
+from zoac import specs
 from zoac.core.errors import ConfigError
+from zoac.pid import tuning
 from zoac.pid.__main__ import from_file, main
 from zoac.tasks.suite.loops import Plant
 
@@ -48,7 +49,7 @@ def broken(result, system, draws=20):
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
-    monkeypatch.setattr(pid_tuning, "EPISODES", 600)
+    monkeypatch.setattr(tuning, "EPISODES", 600)
 
 
 def test_the_answer_keeps_specs_that_ziegler_and_nichols_break():
@@ -96,7 +97,7 @@ def test_an_unstable_or_idle_baseline_is_a_start_too(baseline):
 
 
 def test_the_answer_is_never_worse_than_the_baseline(monkeypatch):
-    monkeypatch.setattr(pid_tuning, "EPISODES", 80)  # too few to find anything better
+    monkeypatch.setattr(tuning, "EPISODES", 80)  # too few to find anything better
     good = {"Kp": 0.52, "Ki": 0.85}
     result = zoac.tune_pid(lags(), **LOOP, specs=SPECS, baseline=good)
     assert result.feasible
@@ -139,7 +140,7 @@ class Lag(gym.Env):
 
 
 def test_an_environment_is_tuned_from_the_gains_of_today(monkeypatch):
-    monkeypatch.setattr(pid_tuning, "EPISODES_IN_ENVIRONMENT", 150)
+    monkeypatch.setattr(tuning, "EPISODES_IN_ENVIRONMENT", 150)
     limit = specs.overshoot("y", "r", max=0.02)
     result = zoac.tune_pid(
         Lag, sample_time=0.1, specs=[limit], baseline={"Kp": 0.5, "Ki": 3.0}, input_limits=(-3, 3)
