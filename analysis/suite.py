@@ -36,7 +36,7 @@ from zoac.analysis.statistics.stats import Interval
 from zoac.core.errors import ConfigError, RunFolderError, suggest
 
 COLUMNS = ["problem", "parameters", "tuner", "experiments", "seed", "cost", "seconds"]
-LIMITS = np.logspace(-3, 0.5, 200)
+LIMITS = np.linspace(0.0, 1.5, 151)
 """Scores of the profiles' axis."""
 
 
@@ -232,7 +232,6 @@ def figure(scored: pd.DataFrame) -> Figure:
                 LIMITS, share, label=_name(str(tuner)), markevery=25,
                 **looks[methods[str(tuner)]].line,
             )  # fmt: skip
-        axes.set_xscale("log")
         axes.set_title(f"{count:,} experiments")
         axes.set_xlabel("Score")
         axes.margins(x=0)
