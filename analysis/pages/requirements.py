@@ -40,7 +40,7 @@ def verdicts(run: Run) -> list[bool]:
 def _spec(row: Mapping[str, Any], episodes: int) -> tuple[list[str], bool | None]:
     after = html.verdict(_value(row, row["value"]), row["met"])
     if row["met"] is False and episodes > 1:
-        after += f" in {row['broken']} of {episodes} episodes"
+        after += f", broken in {row['broken']} of {episodes} episodes"
     before = NOTHING
     if row["baseline"] is not None:
         before = html.verdict(_value(row, row["baseline"]), row["baseline_met"])

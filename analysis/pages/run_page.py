@@ -15,6 +15,7 @@ from zoac.analysis.pages.formatting import estimate, signed, significant
 from zoac.analysis.pages.parameters import parameters
 from zoac.analysis.pages.reproduce import reproduce
 from zoac.analysis.pages.requirements import requirements, verdicts
+from zoac.loggers.summary import ROUNDING
 
 
 def details(run: Run, reference: Run | None, replays: bool, more: str = "") -> str:
@@ -92,7 +93,7 @@ def _verdict(run: Run, compared: Before | None) -> str:
         text += f" in the first {shared}, where the answer costs {now}"
     difference = compared.difference(run)
     if difference is not None and difference.exists:
-        if difference.low == difference.high:
+        if difference.high - difference.low <= ROUNDING * abs(difference.estimate):
             text += f". Difference {signed(difference.estimate)}, the same in every episode"
         else:
             text += f". Difference {estimate(difference, sign=True)}, paired, 95% over episodes"

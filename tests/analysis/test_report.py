@@ -199,8 +199,8 @@ def test_requirements_are_rows_green_or_red_before_and_after(signals: str) -> No
         "Limit": "≤ 0.05", "Before": f"{unmet} 0.2", "After": f"{met} 0.03", "css": "met",
     }  # fmt: skip
     assert rows["settling_time(y, r)"] == {
-        "Limit": "≤ 1 s", "Before": f"{unmet} never", "After": f"{unmet} 1.2 in 3 of 4 episodes",
-        "css": "unmet",
+        "Limit": "≤ 1 s", "Before": f"{unmet} never",
+        "After": f"{unmet} 1.2, broken in 3 of 4 episodes", "css": "unmet",
     }  # fmt: skip
     assert rows["jerk"]["Before"] == f"{unmet} broken in 2 of 4 episodes, by up to 0.25"
     assert rows["jerk"]["After"] == f"{met} kept"
@@ -266,6 +266,12 @@ def test_a_difference_stands_with_its_interval(tmp_path: Path) -> None:
     folder = write_run(tmp_path, costs=costs, result={"baseline": baseline})
     text = page(folder, tmp_path / "out")
     assert re.search(r"Difference -2\.20 \[-2\.\d+, -\d\.\d+\], paired, 95%", text)
+
+
+def test_a_difference_that_is_the_same_but_for_rounding_has_no_interval(tmp_path: Path) -> None:
+    baseline = {"cost_mean": 0.4, "cost_per_episode": [0.4, 0.4]}
+    folder = write_run(tmp_path, costs=[0.1 + 0.2, 0.3], result={"baseline": baseline})
+    assert "Difference -0.1, the same in every episode" in page(folder, tmp_path / "out")
 
 
 def test_no_heading_is_empty(text: str, signals: str, tmp_path: Path) -> None:

@@ -22,6 +22,11 @@ def test_it_runs_and_prints_what_it_found(path, monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(sys, "argv", [path.name, "--budget", "500", *MORE.get(path.stem, [])])
     quick = {"episodes": 1, "final_episodes": 2, "eval_every": 500, "num_envs": 2}
     tune = zoac.tune
-    monkeypatch.setattr(zoac, "tune", lambda **options: tune(**{**quick, **options}))
+
+    def short(**options):
+        options["budget"] = min(options.get("budget", 500), 1000)
+        return tune(**{**quick, **options})
+
+    monkeypatch.setattr(zoac, "tune", short)
     runpy.run_path(str(path), run_name="__main__")
     assert capsys.readouterr().out.strip()

@@ -84,7 +84,7 @@ def test_fast_steps_stay_in_this_process(auto, monkeypatch):
     monkeypatch.setattr(automatic, "SLOW", np.inf)
     rolled_out(auto, support.CountingTask())
     assert len(auto.said) == 1
-    assert "too short to pay" in auto.said[0]
+    assert "too short for workers" in auto.said[0]
 
 
 def test_slow_steps_leave_this_process(auto, monkeypatch):

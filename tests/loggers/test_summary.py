@@ -47,6 +47,13 @@ def test_without_a_baseline_only_the_cost_is_told():
     assert told([1.0, 3.0]) == ["cost 2 ± 2 on 2 episodes"]
 
 
+def test_rounding_is_no_interval():
+    assert told([0.1 + 0.2, 0.3], [3.0, 3.0]) == [
+        "cost 0.3, baseline values 3 on the same 2 episodes",
+        "better than the baseline values by 2.7 (90%)",
+    ]
+
+
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
     return tune(

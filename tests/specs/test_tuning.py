@@ -322,6 +322,10 @@ def test_a_run_with_another_function_behind_a_spec_or_signal_is_another_run(tmp_
     ("options", "said"),
     [
         ({"specs": [zoac.specs.peak("yy", max=1.0)]}, "peak.yy.: no signal 'yy'; did you mean 'y'"),
+        (
+            {"signals": {"y": 0, "r": 1.0}, "specs": [zoac.specs.overshoot("y", "r", max=0.1)]},
+            "'y' is the number 0 at all times, .* write signals=.'y': zoac.observation",
+        ),
         ({"objective": zoac.specs.iae("y", "r", max=1.0)}, "objective=iae.y, r.: it has a limit"),
         (
             {"objective": "cost", "specs": [zoac.specs.iae("y", "r")]},

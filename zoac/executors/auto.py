@@ -114,7 +114,7 @@ class Auto(Executor):
         self._step_seconds = self._seconds / self._steps
         if self._calls > 1 and self._spent > PATIENCE:
             if not self._is_slow():
-                self._stay(f"a step takes {1e3 * self._step_seconds:.2g} ms, too short to pay")
+                self._stay(f"a step takes {1e3 * self._step_seconds:.2g} ms, too short for workers")
             elif self._untouched or self._is_movable():
                 self._start_workers()
             else:

@@ -17,6 +17,10 @@ MAX_SHARE = 10.0
 """From here on a difference in percent of the baseline's cost says nothing."""
 
 
+ROUNDING = 1e-9
+"""Of a mean: differences between equal episodes are below."""
+
+
 def cost_lines(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield the mean cost with half the width of a 95% interval, and how the baseline compares.
 
@@ -112,6 +116,12 @@ def _numbers(costs: Sequence[float | None]) -> np.ndarray:
 
 
 def _half(numbers: np.ndarray) -> float:
-    """Return half the width of the 95% interval of a mean; NaN if there is one number."""
+    """Return half the width of the 95% interval of a mean; 0 if it is rounding alone.
+
+    NaN if there is one number.
+    """
     n = len(numbers)
-    return float(1.96 * numbers.std(ddof=1) / np.sqrt(n)) if n > 1 else float("nan")
+    if n < 2:
+        return float("nan")
+    half = float(1.96 * numbers.std(ddof=1) / np.sqrt(n))
+    return half if half > ROUNDING * abs(numbers.mean()) else 0.0

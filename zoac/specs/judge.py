@@ -103,8 +103,8 @@ def check(specs: Sequence[Spec], signals: Mapping[str, Signal], sample_time: flo
     """See that specs can be judged.
 
     Raises:
-        ConfigError: If a spec names an unknown signal, needs seconds or a loop that are not there,
-            or is there twice.
+        ConfigError: If a spec names an unknown signal or only constant ones, needs seconds or a
+            loop that are not there, or is there twice.
     """
     labels = [spec.label for spec in specs]
     for spec, label in zip(specs, labels, strict=True):
@@ -118,6 +118,13 @@ def check(specs: Sequence[Spec], signals: Mapping[str, Signal], sample_time: flo
                     else (f"name it: signals={{{name!r}: zoac.observation(0)}}")
                 )
                 raise ConfigError(f"{spec}: no signal {name!r}; {told}")
+        numbers = [signals[name].number for name in spec.signals]
+        if numbers and None not in numbers:
+            raise ConfigError(
+                f"{spec}: {spec.signals[0]!r} is the number {numbers[0]:g} at all times, which no "
+                f"tuning can change; for the entry of index 0 of the observation write "
+                f"signals={{{spec.signals[0]!r}: zoac.observation(0)}}"
+            )
         if spec.of_loop and spec.loop is None:
             raise ConfigError(
                 f"{spec}: expected loop=, a function of the parameters that returns the open loop "
@@ -125,8 +132,8 @@ def check(specs: Sequence[Spec], signals: Mapping[str, Signal], sample_time: flo
             )
         if sample_time is None and (spec.timed or spec.window is not None):
             raise ConfigError(
-                f"{spec} is in seconds, and nothing says how many a step takes; give "
-                "sample_time=<seconds>, or the environment an attribute dt"
+                f"{spec} is in seconds, and nothing says how long a step is; give "
+                "sample_time=<seconds>, or the environment an attribute dt [s]"
             )
 
 

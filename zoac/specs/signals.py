@@ -25,12 +25,14 @@ class Signal:
             step, whose last sample is then repeated. Of m loops side by side (T + 1, m) or (T, m).
         unit: For people to read.
         info: The key of the environment's `info` that it is, if it is one.
+        number: The value of every sample, if it is known to be the same.
     """
 
     label: str
     read: Callable[[Segment], Any]
     unit: str = ""
     info: str | None = None
+    number: float | None = None
 
     def samples(self, segment: Segment) -> np.ndarray:
         """Return (T + 1,) samples, or (T + 1, m).
@@ -100,7 +102,7 @@ def constant(value: float, unit: str = "") -> Signal:
         value: Of every sample.
         unit: For people to read.
     """
-    return Signal(f"{value:g}", partial(_constant, float(value)), unit)
+    return Signal(f"{value:g}", partial(_constant, float(value)), unit, number=float(value))
 
 
 def _observation(index: int, segment: Segment) -> np.ndarray:
