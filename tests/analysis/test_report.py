@@ -272,8 +272,6 @@ def test_a_difference_that_is_the_same_but_for_rounding_has_no_interval(tmp_path
     baseline = {"cost_mean": 0.4, "cost_per_episode": [0.4] * 5}
     costs = [0.1 + 0.2, 0.3, 0.3, 0.3, 0.3]
     folder = write_run(tmp_path, costs=costs, result={"baseline": baseline})
-        tmp_path, costs=[0.1 + 0.2, 0.3, 0.3, 0.3, 0.3], result={"baseline": baseline}
-    )
     assert "Difference -0.1, the same in every episode" in page(folder, tmp_path / "out")
 
 
