@@ -81,11 +81,11 @@ def tune(
         result = zoac.tune(env="Pendulum-v1", controller=act, space={"kp": (0, 20), "kd": (0, 5)})
 
     Args:
-        task: A `Task`, or the name of a built-in one; else give `env`, `controller` and `space`.
-            Signals, specs and an objective of specs go with any task.
+        task: A `Task`, or the name of a built-in one. Without it, give `env`, `controller` and
+            `space`. `signals`, `specs` and an `objective` of specs work with any task.
         env: A Gymnasium id, a function that makes an environment, or an environment.
-        controller: `act(params, obs)`, or an object with such a method that may remember things
-            and begins an episode in `reset()`; params is {name: number}, obs an array.
+        controller: `act(params, obs)`, with params {name: number} and obs an array. Or an object
+            with this method and `reset()`, which begins an episode; it may have a memory.
         space: Bounds by name: `(low, high)`, `(low, high, "log")`, a dict with `low`, `high`,
             `scale`, `unit`, `baseline`; `(low, high, "integer")`; a dict with `choices`; or one
             number, which is fixed.
@@ -93,20 +93,21 @@ def tune(
         budget: Environment steps for tuning; 50,000 by default.
         experiments: Instead of a budget: episodes of full length; or calls of `cost`, 60 by
             default.
-        seed: Of everything.
+        seed: Seed of all random numbers.
         baseline: Values in use today, with which the result is compared. A tuner may begin there.
-        metrics: Reported beside the cost: `Metric`s, or functions of a segment by name.
-        constraints: What must hold at every step, likewise; see `zoac.rollout.constraints`.
+        metrics: Numbers to report beside the cost: `Metric`s, or functions of a segment by name.
+        constraints: Limits that must hold at every step: `Constraint`s, or functions of a segment
+            by name; see `zoac.rollout.constraints`.
         max_episode_steps: Cut episodes here; needed if the environment does not end by itself.
         plant: Numbers of the environment to set, by attribute: `{"m": 1.2}`.
         vary: Ranges from which every episode, of tuning and evaluation, draws such numbers:
             `{"m": (0.8, 1.2)}`.
-        objective: What is minimised: "reward", its negative; "cost", `info["cost"]`; "info:<key>",
-            another number of info; "auto", the negative reward unless `info["cost"]` differs from
-            it, which is refused; or a spec without a limit, such as `zoac.specs.itae("y", "r")`, or
-            several, whose weighted sum counts.
-        signals: What specs and figures call the numbers of an episode: `{"y": zoac.observation(0),
-            "r": 1.0, "u": zoac.action(0)}`, or functions of a segment.
+        objective: What is minimised. "reward": the negative reward; "cost": `info["cost"]`;
+            "info:<key>": another number of info; "auto": the negative reward, refused if
+            `info["cost"]` differs from it. Or a spec without a limit, such as
+            `zoac.specs.itae("y", "r")`, or several, whose weighted sum is minimised.
+        signals: Names of the numbers of an episode, for specs and figures:
+            `{"y": zoac.observation(0), "r": 1.0, "u": zoac.action(0)}`, or functions of a segment.
         sample_time: Seconds of a step; None: the environment's attribute `sample_time` or `dt`, or
             what its metadata say.
         specs: Requirements on whole episodes, such as `zoac.specs.overshoot("y", "r", max=0.05)`.
@@ -119,16 +120,15 @@ def tune(
         episodes: Evaluation episodes during tuning.
         final_episodes: Evaluation episodes of the final figure.
         folder: Run folder; None: a new temporary one.
-        resume: What becomes of a run in that folder: "auto" (it goes on if its settings, and the
-            code and values of environment and controller, are these, and is returned if it is
-            done), "never", "overwrite".
+        resume: What happens to a run in that folder. "auto": it continues, or is returned if it is
+            finished; refused if settings or code differ. "never": refused. "overwrite": deleted.
         quiet: Print nothing.
-        callbacks: Follow the run and may stop it; see `zoac.Callback`.
+        callbacks: Objects that follow the run and may stop it; see `zoac.Callback`.
         cost: Instead of an environment: a function of {name: value} that makes an experiment and
             returns its cost, or a dict of `cost`, `metrics` and `constraints`; or `zoac.program`.
             The run is then a `zoac.Study`, whose options apply; `constraints` are limits by name,
             and the default tuner stands for "auto".
-        workers: Calls of `cost` at a time, in threads; 1 by default.
+        workers: Number of calls of `cost` at a time, in threads; 1 by default.
         settings: `num_envs`, `initial_sigma`, `acceptance_test`, `select`, `initial_samples`,
             `common_random_numbers`, `failure_penalty`, `step_timeout`, ...: any other of
             `zoac.config.settings.Settings`, which says what each does.

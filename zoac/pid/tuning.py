@@ -126,17 +126,17 @@ def tune_pid(
         plant: A continuous system of python-control with one input and one output; or a list of
             such, of which the worst counts. Or a Gymnasium environment (its id, a function that
             makes it, or itself) whose observation is (y, r, ...) and whose action is u.
-        sample_time: Of the controller [s].
-        dead_time: Of the plant [s], or one for each plant.
+        sample_time: Sample time of the controller [s].
+        dead_time: Dead time of the plant [s], or a list with one for each plant.
         structure: "P", "PI", "PD" or "PID".
-        input_limits: Smallest and largest input, as deviations from that at rest. The PID has
-            anti-windup there.
+        input_limits: Smallest and largest input, as deviations from the input at rest. The PID
+            has anti-windup at these limits.
         noise: Standard deviation of the measurement, in the unit of y.
         specs: Requirements, such as `zoac.specs.overshoot("y", "r", max=0.05)`.
         objective: "iae", "ise" or "itae" of `y` and `r`, or a spec without a limit.
-        baseline: "ziegler_nichols", "simc" or "tyreus_luyben", or the gains of today by name. The
+        baseline: "ziegler_nichols", "simc" or "tyreus_luyben", or your present gains by name. The
             answer is never worse on held-out episodes. An environment needs gains.
-        seed: Of everything.
+        seed: Seed of all random numbers.
 
     Raises:
         ConfigError: If something given cannot be used.

@@ -44,7 +44,7 @@ def overshoot(y: str = "y", r: str = "r", **limits: Any) -> Spec:
     Args:
         y: Name of the output.
         r: Name of the reference.
-        limits: See `Spec`; so of all requirements.
+        limits: `max`, `min` and other arguments of `Spec`, as in all requirements.
 
     Raises:
         ConfigError: If the limit looks like a percentage.
@@ -109,7 +109,7 @@ def rms(y: str = "y", **limits: Any) -> Spec:
 
 
 def total_variation(u: str = "u", **limits: Any) -> Spec:
-    """Require the sum of the changes of `u` from sample to sample, each without its sign."""
+    """Require the sum of the absolute changes of `u` from sample to sample."""
     return _of("total_variation", (u,), {}, limits)
 
 
@@ -128,9 +128,9 @@ def gain_margin(loop: Loop | None = None, **limits: Any) -> Spec:
     """Require the factor by which the loop's gain may grow until it is unstable.
 
     Args:
-        loop: Function of the parameters, by name, that returns the open loop, a system of
-            python-control. No simulation is spent.
-        limits: `max` and `min`; so of all requirements of a loop.
+        loop: Function of the parameters, {name: number}, that returns the open loop as a system
+            of python-control. It costs no simulation.
+        limits: `max`, `min` and other arguments of `Spec`, as in all requirements of a loop.
     """
     return _of_loop("gain_margin", loop, limits)
 

@@ -42,17 +42,17 @@ class Spec:
 
     Args:
         name: Name of the figure.
-        signals: Names of the signals that it is of; empty for a figure of a loop.
+        signals: Names of the signals that `figure` takes; empty for a figure of a loop.
         figure: Function of the time (K,) [s] and of the samples (K,) of each signal; of a loop for
             figures of a loop. Returns one number.
         options: Further arguments of `figure`, by name.
         max: Largest value allowed; None: none.
         min: Smallest value allowed.
-        over: What counts of the evaluation episodes: "worst", "mean" or `cvar(0.9)`; None: the
-            worst of a hard spec, the mean of a soft one.
-        weight: Of a soft spec in the objective.
-        window: From when to when [s] the episode is looked at; None: all of it.
-        loop: Where the loop comes from, for figures of a loop.
+        over: How evaluation episodes are summarised: "worst", "mean" or `cvar(0.9)`; None: the
+            worst for a hard spec, the mean for a soft one.
+        weight: Weight of a soft spec in the objective.
+        window: Start and end [s] of the part of the episode that is judged; None: all of it.
+        loop: Function of the parameters that returns the open loop, for figures of a loop.
         unit: For people to read.
         timed: Whether the figure needs seconds.
         beyond: Function like `figure` that takes its place in the excess where the figure is

@@ -66,28 +66,28 @@ class Study:
         Args:
             space: Bounds by name, as `zoac.tune` takes them; None: open the study in `folder`,
                 whatever its other settings are.
-            folder: Of the study; a study of the same settings goes on. None: a temporary one.
+            folder: Its folder, in which a study of the same settings continues; None: temporary.
             tuner: "bo", "cmaes", "cmaes_full", "es", "halving", "nevergrad", "optuna", "random";
                 "auto": Bayesian optimisation for one worker and few experiments, else CMA-ES.
-            experiments: How many there are, failed and abandoned ones included.
-            seed: Of everything random.
-            workers: Experiments that may be under way side by side: a tuner plans so many at a
-                time. More may be out if its batches are larger.
+            experiments: Number of experiments, failed and abandoned ones included.
+            seed: Seed of all random numbers.
+            workers: Number of experiments that the tuner plans at a time. More may be under way
+                if its batches are larger.
             baseline: Values in use today, beside those that `space` names.
             baseline_first: Make the baseline values the first experiment.
             constraints: Limits by name: a measured value above its limit is a violation, and less
                 violation goes before less cost.
-            specs: Of `zoac.specs`, which judge the traces that are told.
-            acceptance_test: Fraction of the experiments, such as 0.2, in which baseline and
-                recommendation are measured in turn; the answer is the baseline unless the other
+            specs: Requirements of `zoac.specs` on the traces that `tell` receives.
+            acceptance_test: Fraction of the experiments, such as 0.2, that measure baseline and
+                recommendation in turn. The answer is the baseline unless the recommendation
                 proves better.
             initial_sigma: As in `zoac.tune`.
             initial_samples: As in `zoac.tune`.
-            tuner_options: By name.
+            tuner_options: Options of the tuner, by name.
             trial_timeout: Seconds after which a trial without a result is abandoned, at the next
                 `ask`; None: never.
-            name: What tables and reports call a new study; None: its folder's name.
-            variant: What tells it, in tables, from studies of the same name, tuner and seed.
+            name: Name of a new study in tables and reports; None: its folder's name.
+            variant: Distinguishes it, in tables, from studies of the same name, tuner and seed.
 
         Raises:
             ConfigError: If something given cannot be used.

@@ -76,17 +76,17 @@ class Mpc:
             hard: States whose bounds are hard. Where no plan keeps them, the step counts as failed:
                 the controller applies the last plan of this step that was solved, or the input's
                 reference, else 0, clipped to its bounds.
-            penalty: Cost of a state beyond a soft bound by one unit, at each step; by name, or one
-                number for all. None: 1,000 times the largest weight of a state. A bound is kept
-                exactly where it can be, while the penalty exceeds its multiplier.
+            penalty: Cost of a state beyond a soft bound, per unit and step; by name, or one number
+                for all. None: 1,000 times the largest weight of a state. While the penalty exceeds
+                the bound's multiplier, the bound is kept wherever that is possible.
             reference: Of states and inputs: numbers by name; or slices of the observation, one
                 column, which is then held, or `horizon` of them, for x_1 .. x_N; or a function of
                 observations (n, o) that returns (n, N, nx), or what broadcasts to it.
             state: Columns of the observation that are the state, or a function of observations
                 (n, o) that returns states (n, nx); None: the first nx columns.
             discount: In (0, 1], from step to step.
-            initial_input: Input before the first step, for rates; 0, clipped to its bounds, where
-                nothing is said.
+            initial_input: Input before the first step, for rates; by default 0, clipped to its
+                bounds.
             linearisations: Quadratic programmes a step, or "converged"; see
                 `zoac.mpc.sqp.MpcOptions`.
             initial_guess: Likewise: "zero" (the inputs' reference, else 0, clipped), or "shifted",
