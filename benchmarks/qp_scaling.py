@@ -129,10 +129,15 @@ def draw(panels: Sequence[Panel], folder: Path = FIGURES) -> None:
         for name, values in curves.items():
             axis.plot(sizes, values, label=name, **looks[name])
         if what == WORKERS:
-            axis.set(xlabel="workers (0: serial)", ylabel="Steps per second, serial = 1")
+            axis.set(xlabel="Workers (0: serial)", ylabel="Steps per second, serial = 1")
             axis.set_ylim(0.0)
         else:
-            axis.set(xlabel=what, ylabel="Time per programme [µs]", xscale="log", yscale="log")
+            axis.set(
+                xlabel=what.capitalize(),
+                ylabel="Time per programme [µs]",
+                xscale="log",
+                yscale="log",
+            )
         axis.set_xticks(sizes, [str(size) for size in sizes])
         axis.minorticks_off()
     axes[0, 0].legend(fontsize=7)

@@ -249,19 +249,19 @@ def draw(costs: Costs, folder: Path = FIGURES) -> None:
         alone = throughput(plant, costs, 256, 0)
         ups = [throughput(plant, costs, 256, int(w)) / alone for w in counts]
         axes[0].loglog(counts, ups, label=f"{step:g} s")
-    axes[0].loglog(counts, counts, color="0.6", linestyle=":", marker="", label="ideal")
+    axes[0].loglog(counts, counts, color="0.6", linestyle=":", marker="", label="Ideal")
     axes[0].set(
-        xlabel="workers", ylabel="speed-up over one process", title="256 environments, equal steps"
+        xlabel="Workers", ylabel="Speed-up over one process", title="256 environments, equal steps"
     )
-    axes[0].legend(title="one step takes", fontsize=7, title_fontsize=7)
+    axes[0].legend(title="One step takes", fontsize=7, title_fontsize=7)
     for std in (0.0, 0.2, 0.5, 1.0, 2.0):
         plant = Plant(0.1, std)
         alone = throughput(plant, costs, 256, 0)
         ups = [throughput(plant, costs, 256, int(w)) / alone for w in counts]
         axes[1].loglog(counts, ups, label=f"{std:g}")
     axes[1].loglog(counts, counts, color="0.6", linestyle=":", marker="")
-    axes[1].set(xlabel="workers", title="256 environments, 0.1 s a step, segments of unequal time")
-    axes[1].legend(title="std / mean", fontsize=7, title_fontsize=7)
+    axes[1].set(xlabel="Workers", title="256 environments, 0.1 s a step, segments of unequal time")
+    axes[1].legend(title="Std / mean", fontsize=7, title_fontsize=7)
     save(figure, folder / "scaling_workers.svg")
 
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
@@ -273,17 +273,17 @@ def draw(costs: Costs, folder: Path = FIGURES) -> None:
         ten = budget / throughput(plant, costs, 10, 10) / 3600
         axes[0].scatter([10], [ten], s=45, facecolors="none", edgecolors=line.get_color())
     axes[0].set(
-        xlabel="workers",
-        ylabel="hours",
+        xlabel="Workers",
+        ylabel="Hours",
         title="500,000 steps, 256 environments (o: 10 with 10 workers)",
     )
-    axes[0].legend(title="one step takes", fontsize=7, title_fontsize=7)
+    axes[0].legend(title="One step takes", fontsize=7, title_fontsize=7)
     some = np.array([1, 2, 4, 10, 20, 50, 100, 256])
     for segment, segments in ((5, 1), (10, 4), (20, 5)):
         updates = budget / (some * segment * segments)
         axes[1].loglog(some, updates, label=f"N = {segment}, H = {segments}")
     axes[1].set(
-        xlabel="num_envs", ylabel="updates of the parameters", title="what 500,000 steps buy"
+        xlabel="Environments", ylabel="Updates of the parameters", title="What 500,000 steps buy"
     )
     axes[1].legend(fontsize=7)
     save(figure, folder / "scaling_time.svg")

@@ -59,6 +59,7 @@ def test_the_answer_keeps_specs_that_ziegler_and_nichols_break():
     table = result.specs.set_index("spec")
     met = table["met"][table["limit"] != ""].tolist()
     assert met == [True, True, True]
+    assert zoac.load_result(result.folder).specs.equals(result.specs)
     assert {"Kp", "Ki", "0.05", "baseline", "tuned"} <= set(str(result).replace("=", " ").split())
     standard = result.standard()
     assert standard["K"] / standard["Ti"] == pytest.approx(result.parameters["Ki"])

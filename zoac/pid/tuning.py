@@ -67,6 +67,11 @@ class PidResult:
         """Whether the gains keep every hard spec."""
         return self.run.feasible
 
+    @property
+    def folder(self) -> Path:
+        """Where the run lies, such as for a report."""
+        return self.run.folder
+
     def plot(self, path: str | Path | None = None) -> Figure:
         """Return the responses before and after, with the limits; see `Result.plot`."""
         return self.run.plot(path)
