@@ -26,7 +26,7 @@ from zoac.core.measures import Trace
 from zoac.core.segments import Segment
 from zoac.rollout.task import Task
 
-REFERENCE = "Reference"
+REFERENCE, LIMIT = "Reference", "Limit"
 
 TIME_AXES = ("Time [s]", "Step")
 MIN_CROSSINGS = 16
@@ -117,8 +117,7 @@ def draw(task: Task, loops: Sequence[Loop], title: str, columns: int = 3) -> Fig
             entries |= draw_panel(axes, task, loops, k, last)
         else:
             axes.remove()
-    if REFERENCE in entries:
-        entries[REFERENCE] = entries.pop(REFERENCE)
+    entries |= {name: entries.pop(name) for name in (REFERENCE, LIMIT) if name in entries}
     style.legend_above(figure, entries)
     if title and len(entries) < 2:
         figure.suptitle(title)
@@ -153,7 +152,7 @@ def draw_panel(axes: Axes, task: Task, loops: Sequence[Loop], k: int, last: int)
     low, high = axes.get_ylim()
     for limit in longest.limits:
         if low - 0.3 * (high - low) <= limit <= high + 0.3 * (high - low):
-            axes.axhline(limit, color=style.INK, linewidth=0.6, linestyle=(0, (8, 4)))
+            entries[LIMIT] = axes.axhline(limit, color=style.INK, lw=0.8, ls="-.")
     axes.set_xlabel(longest.x_label)
     axes.set_ylabel(longest.title)
     axes.margins(x=0.01)

@@ -12,7 +12,7 @@ from zoac.analysis import landscape, trajectories
 from zoac.analysis.data import replay
 from zoac.analysis.data.load import load, read
 from zoac.analysis.data.selection import chosen, median_run
-from zoac.analysis.figures import film
+from zoac.analysis.figures import film, style
 from zoac.core.errors import ConfigError, RunFolderError
 from zoac.core.parameters import ParameterSpace, choice
 from zoac.rollout.engine import RolloutEngine
@@ -213,3 +213,25 @@ def test_a_film_ends_where_the_loop_has_settled(task: PidAcc) -> None:
     (segment,) = replay.demonstrate(calm, [NOMINAL])
     # The demonstration's preceding car drives steadily from step 271 on.
     assert 271 < replay.settled(calm, [segment]) < 700
+
+
+def test_a_limit_that_is_in_view_has_an_entry_and_dashes_of_its_own() -> None:
+    task = PidAcc(max_episode_steps=300)
+    wild = {"k": 0.3, "Kp": 7.0, "Ki": 9.0, "Kd": 6.5}
+    segments = replay.demonstrate(task, [GAINS, wild])
+    looks = {"Before": style.BEFORE, "After": style.AFTER}
+    loops = [
+        trajectories.Loop(name, look, segment)
+        for (name, look), segment in zip(looks.items(), segments, strict=True)
+    ]
+    figure = trajectories.draw(task, loops, "")
+    shown = dict(
+        zip(
+            [text.get_text() for text in figure.legends[0].get_texts()],
+            [line.get_linestyle() for line in figure.legends[0].get_lines()],
+            strict=True,
+        )
+    )
+    assert list(shown)[-1] == "Limit"
+    assert shown["Limit"] == "-."
+    assert "-." not in [dashes for name, dashes in shown.items() if name != "Limit"]
