@@ -180,3 +180,8 @@ def test_the_top_has_few_names_and_packages_are_small():
     # A task is as large as its plant; a package of packages holds what they share.
     own = {p: n for p, n in sizes.items() if ROOT / "tasks" not in (p, *p.parents)}
     assert {str(p): n for p, n in own.items() if n > 9 or n < 2} == {}
+
+
+def test_no_file_has_more_than_300_lines():
+    lengths = {name: len(path.read_text().splitlines()) for name, path in MODULES.items()}
+    assert {name: n for name, n in lengths.items() if n > 300} == {}

@@ -8,6 +8,8 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
+from zoac.core.errors import ConfigError
+
 
 class Status(enum.IntEnum):
     """How a solve ended; `sentence` says it to a person, with the remedy."""
@@ -48,6 +50,26 @@ class Sparsity:
 
     a: np.ndarray
     b: np.ndarray
+
+    def check(self, a: np.ndarray, b: np.ndarray) -> None:
+        """See that Jacobians are zero where a solver takes them to be.
+
+        Args:
+            a: (n, N, nx, nx), with respect to the state.
+            b: (n, N, nx, nu), with respect to the input.
+
+        Raises:
+            ConfigError: If an entry outside is not zero; the plan would be wrong.
+        """
+        for name, jacobian, can_be in (("dF/dX", a, self.a), ("dF/dU", b, self.b)):
+            largest = np.abs(jacobian).max((0, 1), initial=0.0)
+            wrong = np.argwhere((largest > 0.0) & ~can_be)
+            if len(wrong):
+                i, j = wrong[0]
+                raise ConfigError(
+                    f"the model's `sparsity` says that {name}[{i}, {j}] is always zero, but it is "
+                    f"{largest[i, j]:.6g} here: mark every entry that can be other than zero"
+                )
 
 
 PENALTY = 1e3

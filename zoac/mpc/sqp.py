@@ -216,8 +216,8 @@ class SequentialQp:
         before = guess
         for posed in range(1, self._limit + 1):
             problem = self._linearise(theta, start, objective, before)
-            if not self._checked:
-                _check_sparsity(problem)
+            if problem.sparsity is not None and not self._checked:
+                problem.sparsity.check(problem.a, problem.b)
                 self._checked = True
             attempt = Attempt(self._solver, problem)
             after, ends = attempt.inputs, None
@@ -291,21 +291,3 @@ def check_solver(solver: Solver, what: str) -> None:
             f"the solver {type(solver).__name__.lower()} takes bounds on inputs alone, not {what}; "
             "use the solver clarabel"
         )
-
-
-def _check_sparsity(problem: LinearisedProblem) -> None:
-    """Solvers leave out what is said to be zero: a wrong word would be a wrong plan."""
-    if problem.sparsity is None:
-        return
-    for name, jacobian, can_be in (
-        ("dF/dX", problem.a, problem.sparsity.a),
-        ("dF/dU", problem.b, problem.sparsity.b),
-    ):
-        largest = np.abs(jacobian).max((0, 1), initial=0.0)
-        wrong = np.argwhere((largest > 0.0) & ~can_be)
-        if len(wrong):
-            i, j = wrong[0]
-            raise ConfigError(
-                f"the model's `sparsity` says that {name}[{i}, {j}] is always zero, but it is "
-                f"{largest[i, j]:.6g} here: mark every entry that can be other than zero"
-            )

@@ -6,15 +6,15 @@ import inspect
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omegaconf import OmegaConf
 
 from zoac.cli.pipes import reader_may_leave
 from zoac.core.errors import ConfigError, ZoacError, suggest
-from zoac.pid.tuning import PidResult, tune_pid
 
-KEYS = ("plant", "export", *(n for n in inspect.signature(tune_pid).parameters if n != "plant"))
+if TYPE_CHECKING:
+    from zoac.pid.tuning import PidResult
 
 
 def from_file(path: str | Path) -> PidResult:
@@ -27,6 +27,9 @@ def from_file(path: str | Path) -> PidResult:
     Raises:
         ConfigError: If something in the file cannot be used.
     """
+    from zoac.pid.tuning import tune_pid  # --help need not wait for it
+
+    known = ["plant", "export", *list(inspect.signature(tune_pid).parameters)[1:]]
     given: Any
     try:
         given = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
@@ -36,8 +39,8 @@ def from_file(path: str | Path) -> PidResult:
         raise ConfigError(f"{path}: expected keys and values, such as sample_time: 0.05")
     given = {str(key): value for key, value in given.items()}
     for key in given:
-        if key not in KEYS:
-            raise ConfigError(f"{path}: no key {key!r}; {suggest(key, KEYS)}")
+        if key not in known:
+            raise ConfigError(f"{path}: no key {key!r}; {suggest(key, known)}")
     missing = [key for key in ("plant", "sample_time") if key not in given]
     if missing:
         raise ConfigError(f"{path}: no value for {', '.join(missing)}")

@@ -14,6 +14,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from zoac.strategies.held_out import HeldOut
 
@@ -71,8 +72,6 @@ def clearly_higher(
         comparisons: Number of references of which this is the best (Bonferroni's correction).
         noteworthy: Part of the reference's mean that the difference must exceed.
     """
-    from scipy.stats import t  # not needed before a run's end
-
     if not np.isfinite(costs).all():
         return bool(np.isfinite(reference).all())
     if not np.isfinite(reference).all():
@@ -80,7 +79,7 @@ def clearly_higher(
     differences = costs - reference
     error = 0.0
     if (n := len(differences)) > 1:
-        quantile = float(t.ppf(1.0 - LEVEL / comparisons, n - 1))
+        quantile = float(stdtrit(n - 1, 1.0 - LEVEL / comparisons))
         error = quantile * float(differences.std(ddof=1)) / math.sqrt(n)
     mean = float(differences.mean())
     return mean > max(error, noteworthy * abs(float(reference.mean())))
