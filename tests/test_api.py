@@ -21,7 +21,7 @@ from zoac.runs.schema import read_run
 SMALL = {"num_envs": 2, "episodes": 2, "final_episodes": 4, "quiet": True, "max_episode_steps": 20}
 
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 
 
 class Sized(Drift):
