@@ -27,7 +27,7 @@ def around_baseline(options: Mapping[str, Any], initial_sigma: float) -> dict[st
     if width is None or "start" not in options:
         raise ConfigError(
             f"initial_sigma={initial_sigma:g}: this tuner has no start and no sigma to set; use "
-            "zoac, zoac_plus, es, cmaes or nevergrad"
+            "cmaes, cmaes_full, es or nevergrad, or zoac or zoac_plus where single steps are seen"
         )
     chosen = {**options, "start": "baseline"}
     if group is options:
