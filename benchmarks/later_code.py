@@ -36,7 +36,9 @@ SETTINGS = {
     "fitted critic": ["+tuner.critic_first=true"],
     "middle": ["+tuner.middle=true"],
 }
-SETTINGS["all of them"] = [option for options in SETTINGS.values() for option in options]
+_ALL = [option for options in SETTINGS.values() for option in options]
+SETTINGS["all but the middle"] = [option for option in _ALL if option != "+tuner.middle=true"]
+SETTINGS["all of them"] = _ALL
 
 
 class LaterCode(Zoac):
