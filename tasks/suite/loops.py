@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from zoac.core.errors import ConfigError
+
 CLASSES = (
     "one lag", "two lags", "integrating", "many lags", "inverse response", "lightly damped",
     "unstable",
@@ -41,9 +43,17 @@ class Plant:
 
 
 def draw(index: int, seed: int = 0) -> Plant:
-    """Return one plant of the suite."""
-    import control  # of the extra zoac[control]
+    """Return one plant of the suite.
 
+    Raises:
+        ConfigError: If python-control is not installed.
+    """
+    try:
+        import control
+    except ImportError:
+        raise ConfigError(
+            "the suite's loops need python-control: pip install 'zoac[suite]'"
+        ) from None
     rng = np.random.default_rng([seed, index])
     kind = CLASSES[index % len(CLASSES)]
     unit = 10.0 ** rng.uniform(-1.0, 1.5)  # [s]

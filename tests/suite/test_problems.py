@@ -1,12 +1,14 @@
 """The problems on which tuners are compared."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
 
 import zoac
 from zoac.config.files import choices
+from zoac.core.errors import ConfigError
 from zoac.core.segments import Proposal
 from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.suite import reactor
@@ -39,6 +41,12 @@ def test_gains_differ_in_cost(name):
     costs = [s.costs.sum() for s in engine.rollout([Proposal(x, k) for k, x in enumerate(points)])]
     assert np.isfinite(costs).all()
     assert len(set(costs)) > 1 or name == "suite/acrobot"  # where a random policy never arrives
+
+
+def test_the_message_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "control", None)
+    with pytest.raises(ConfigError, match=r"pip install 'zoac\[suite\]'"):
+        zoac.make_task("suite/loop_0")
 
 
 def test_the_lander_flies_by_gymnasiums_heuristic():
