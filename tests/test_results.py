@@ -8,8 +8,9 @@ import matplotlib
 import pandas as pd
 import pytest
 
-from zoac.analysis import beyond, curves, table2
+from zoac.analysis import beyond, curves, suite, table2
 from zoac.analysis.data.load import load
+from zoac.analysis.statistics.profiles import mean_score, with_scores
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
@@ -135,3 +136,26 @@ def test_the_runs_of_fig_4_are_those_of_the_authors_code():
 def test_what_was_found_shows_the_rows_of_table_2():
     table = (RESULTS / "tables" / "mpc_tracking" / "table2.md").read_text().split("\n\n")[2]
     assert table in (ROOT / "docs" / "found.md").read_text()
+
+
+@pytest.mark.parametrize(("name", "folder"), [("suite", "suite"), ("held_out", "suite_held_out")])
+def test_the_tables_of_the_suite_rebuild(tmp_path, name, folder):
+    runs = RESULTS / "suite" / f"{name}.csv"
+    assert suite.main([str(runs), "--out", str(tmp_path), "--format", "svg"]) == 0
+    assert (tmp_path / "suite.csv").read_bytes() == runs.read_bytes()
+    kept = RESULTS / "tables" / folder / "suite.md"
+    assert (tmp_path / "suite.md").read_bytes() == kept.read_bytes()
+    drawn_by = (FIGURES / "matplotlib.txt").read_text().strip()
+    if name == "suite" and drawn_by == matplotlib.__version__:
+        assert (tmp_path / "suite.svg").read_bytes() == (FIGURES / "suite/suite.svg").read_bytes()
+
+
+def test_the_page_has_the_scores_of_the_suite():
+    page = (ROOT / "docs" / "which_tuner.md").read_text()
+    scored = with_scores(suite.read(RESULTS / "suite" / "suite.csv"))
+    for (count, tuner), own in scored.groupby(["experiments", "tuner"]):
+        found = mean_score(own)
+        bold = f"**{found.estimate:.2f}**", f"{found.estimate:.2f}"
+        (row,) = (line for line in page.splitlines() if line.startswith(f"| `{tuner}` | "))
+        interval = f"[{found.low:.2f}, {found.high:.2f}]"
+        assert any(f"{value} {interval}" in row for value in bold), (count, tuner)
