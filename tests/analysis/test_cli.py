@@ -7,7 +7,6 @@ import pytest
 from tests.analysis.folders import write_run
 from zoac.analysis import (
     beyond,
-    cli,
     compact,
     curves,
     landscape,
@@ -16,6 +15,7 @@ from zoac.analysis import (
     table2,
     trajectories,
 )
+from zoac.analysis.data import cli
 
 
 @pytest.mark.parametrize(

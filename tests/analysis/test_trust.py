@@ -77,9 +77,11 @@ def foreign(request: pytest.FixtureRequest, tmp_path: Path, trace: Path) -> Path
     """Runs that are traps: in the configuration, in the kept task, in the checkpoint."""
     root = tmp_path / "runs"
     task = kinds(trace)[request.param]
-    for tuner, seed in (("zoac", 0), ("zoac", 1), ("nominal", 0)):
+    for tuner, seed in (("zoac", 0), ("zoac", 1), ("random", 0), ("nominal", 0)):
         gains = NOMINAL if tuner == "nominal" else None
-        folder = write_run(root, tuner, seed, gains=gains, config={"task": task})
+        costs = (7.0, 8.0) if tuner == "random" else (3.0, 4.0)
+        config = {"task": task, "experiments": 10}
+        folder = write_run(root, tuner, seed, gains=gains, costs=costs, config=config)
         (folder / "task.pkl").write_bytes(pickle.dumps(Traps(trace)))
         (folder / "checkpoint").mkdir()
         (folder / "checkpoint" / "current.ckpt").write_bytes(pickle.dumps(Traps(trace)))
@@ -93,9 +95,8 @@ def test_no_command_runs_what_a_folder_holds_or_names(
     command: str, foreign: Path, trace: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     module = import_module(f"zoac.analysis.{command}")
-    code = module.main(
-        [str(foreign), "--task", "pid_acc"] if command != "compact" else [str(foreign)]
-    )
+    of_task = [] if command in {"compact", "suite"} else ["--task", "pid_acc"]
+    code = module.main([str(foreign), *of_task])
     assert not trace.exists()
     assert code == (1 if command in REPLAYING - {"report"} else 0)
     if code:
