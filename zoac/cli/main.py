@@ -31,6 +31,7 @@ COMMANDS = {
     "landscape": ("zoac.analysis.landscape", "parameters and the cost along each"),
     "trajectories": ("zoac.analysis.trajectories", "closed loops, drawn or filmed"),
     "robustness": ("zoac.analysis.robustness", "the tuned controller on other plants"),
+    "suite": ("zoac.analysis.suite", "which tuner, over many problems"),
     "beyond": ("zoac.analysis.beyond", "tuners at several budgets"),
     "compact": ("zoac.analysis.compact", "many run folders in three small files"),
 }
