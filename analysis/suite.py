@@ -143,7 +143,7 @@ def markdown(runs: pd.DataFrame, against: str) -> str:
     ]
     if left_out:
         text.append(
-            "Left out, since random search has no runs there or none beats its first: "
+            "Left out, since random search was not run there, or no run beats it: "
             f"{', '.join(left_out)}.\n"
         )
     for count, group in scored.groupby("experiments"):

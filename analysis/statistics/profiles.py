@@ -48,7 +48,7 @@ def with_scores(runs: pd.DataFrame) -> pd.DataFrame:
             parts.append(group.assign(score=(finite - best) / (reference - best)))
     if not parts:
         raise RunFolderError(
-            f"no problem has runs of tuner={RANDOM} that others beat; scores are relative to these"
+            f"scores need runs of tuner={RANDOM} that other runs beat; no problem has such runs"
         )
     return pd.concat(parts, ignore_index=True)
 
@@ -58,18 +58,17 @@ def share_within(scores: np.ndarray, limits: Sequence[float]) -> np.ndarray:
     return (np.asarray(scores)[:, None] <= np.asarray(limits)[None]).mean(axis=0)
 
 
-def mean_score(runs: pd.DataFrame, random_seed: int = 0) -> Interval:
+def mean_score(runs: pd.DataFrame) -> Interval:
     """Return the mean score of one tuner with one number of experiments, each score at most 1.
 
     Args:
         runs: Its runs, with their `score`.
-        random_seed: Of the bootstrap.
     """
     table = np.minimum(_by_seed(runs, "score"), 1.0)
-    return _interval([table], lambda drawn: drawn[0].mean(axis=(-2, -1)), random_seed)
+    return _interval([table], lambda drawn: drawn[0].mean(axis=(-2, -1)))
 
 
-def improvement(first: pd.DataFrame, second: pd.DataFrame, random_seed: int = 0) -> Interval:
+def improvement(first: pd.DataFrame, second: pd.DataFrame) -> Interval:
     """Return the probability that a run of the first tuner costs less than one of the second.
 
     It is the mean over the problems that both have; equal costs count half.
@@ -77,7 +76,6 @@ def improvement(first: pd.DataFrame, second: pd.DataFrame, random_seed: int = 0)
     Args:
         first: Runs of one tuner with one number of experiments.
         second: Of another, with as many.
-        random_seed: Of the bootstrap.
     """
     common = sorted(set(first["problem"]) & set(second["problem"]))
     if not common:
@@ -88,13 +86,13 @@ def improvement(first: pd.DataFrame, second: pd.DataFrame, random_seed: int = 0)
         a, b = drawn[0][..., :, None], drawn[1][..., None, :]
         return ((a < b) + 0.5 * (a == b)).mean(axis=(-3, -2, -1))
 
-    return _interval(tables, probability, random_seed)
+    return _interval(tables, probability)
 
 
-def experiments_needed(runs: pd.DataFrame, share: float = 0.5) -> pd.DataFrame:
+def experiments_needed(runs: pd.DataFrame) -> pd.DataFrame:
     """Return how many experiments bring each tuner near the best, by problem.
 
-    It is the smallest number with which more than `share` of its runs score at most `NEAR`; NaN
+    It is the smallest number with which more than half of its runs score at most `NEAR`; NaN
     where none of those tried does.
 
     Returns:
@@ -102,7 +100,7 @@ def experiments_needed(runs: pd.DataFrame, share: float = 0.5) -> pd.DataFrame:
     """
     near = runs.assign(near=runs["score"] <= NEAR)
     often = near.groupby(["problem", "tuner", "experiments"])["near"].mean().reset_index()
-    enough = often["experiments"].where(often["near"] > share)
+    enough = often["experiments"].where(often["near"] > 0.5)
     return often.assign(needed=enough).pivot_table(
         index="problem", columns="tuner", values="needed", aggfunc="min", dropna=False
     )
@@ -121,12 +119,10 @@ def _by_seed(runs: pd.DataFrame, column: str) -> np.ndarray:
 
 
 def _interval(
-    tables: Sequence[np.ndarray],
-    statistic: Callable[[list[np.ndarray]], np.ndarray],
-    random_seed: int,
+    tables: Sequence[np.ndarray], statistic: Callable[[list[np.ndarray]], np.ndarray]
 ) -> Interval:
     """Return a statistic of tables (problems, seeds) with its percentile interval."""
-    rng = stream(random_seed, "analysis suite")
+    rng = stream(0, "analysis suite")
     problems = len(tables[0])
     rows = rng.integers(problems, size=(RESAMPLES, problems))[..., None]
     drawn = [

@@ -45,13 +45,13 @@ def test_a_problem_that_random_search_solves_tells_nothing():
     frame = runs({("easy", "random"): [1, 1, 1], ("easy", "bo"): [1, 2, 1],
                   ("a", "random"): [5, 6, 7], ("a", "bo"): [1, 2, 3]})  # fmt: skip
     assert set(profiles.with_scores(frame)["problem"]) == {"a"}
-    assert "or none beats its first: easy." in suite.markdown(frame, "random")
+    assert "or no run beats it: easy." in suite.markdown(frame, "random")
 
 
 def test_scores_need_runs_of_random_search():
     both = runs({("a", "random"): [5.0], ("a", "bo"): [1.0], ("b", "bo"): [1.0]})
     assert set(profiles.with_scores(both)["problem"]) == {"a"}
-    with pytest.raises(RunFolderError, match="no problem has runs of tuner=random"):
+    with pytest.raises(RunFolderError, match="scores need runs of tuner=random"):
         profiles.with_scores(runs({("a", "bo"): [1.0]}))
 
 

@@ -258,7 +258,7 @@ def _siblings(key: str, overrides: Sequence[str]) -> str:
 
 
 def _choices(group: str, name: str = "") -> list[str]:
-    """Return the names of a group's files and, of "suite/lqr", also those in its folder suite."""
+    """Return the names of a group's files; for "suite/lqr" also those of its folder suite."""
     folder = name.partition("/")[0]
     with _hydra() as hydra:
         names = hydra.config_loader().get_group_options
