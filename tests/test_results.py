@@ -8,7 +8,8 @@ import matplotlib
 import pandas as pd
 import pytest
 
-from zoac.analysis import beyond, curves, suite, table2
+from benchmarks.remake import MADE
+from zoac.analysis import curves, suite
 from zoac.analysis.data.load import load
 from zoac.analysis.statistics.profiles import mean_score, with_scores
 
@@ -31,53 +32,14 @@ def test_no_path_of_a_machine_is_kept():
             assert not re.search(r'"(/|~|[A-Z]:)', json.dumps(method)), path
 
 
-def test_table_2_rebuilds(tmp_path):
-    assert table2.main([str(RESULTS), "--out", str(tmp_path)]) == 0
-    same_bytes(tmp_path, RESULTS / "tables" / "mpc_tracking")
-
-
-@pytest.mark.parametrize("task", ["pid_acc", "pid_acc_code"])
-def test_the_tables_of_cruise_control_rebuild(tmp_path, task):
-    assert table2.main([str(RESULTS), "--task", task, "--out", str(tmp_path)]) == 0
-    same_bytes(tmp_path, RESULTS / "tables" / task)
-
-
-@pytest.mark.parametrize(
-    ("seeds", "reference"),
-    [("0-9", "nominal"), ("100-109", "nominal"), ("0-9", "best"), ("100-109", "best")],
-)
-def test_the_table_of_ratios_rebuilds(tmp_path, seeds, reference):
-    arguments = ["--seeds", seeds, "--reference", reference, "--out", str(tmp_path)]
-    assert beyond.main([str(RESULTS / "beyond"), *arguments]) == 0
-    same_bytes(tmp_path, RESULTS / "tables" / f"beyond-{seeds}-{reference}")
-
-
-@pytest.mark.parametrize("name", ["ablation", "careful"])
-def test_the_tables_of_variants_rebuild(tmp_path, name):
-    assert beyond.main([str(RESULTS / name), "--out", str(tmp_path)]) == 0
-    same_bytes(tmp_path, RESULTS / "tables" / name)
-
-
-FOUR = ["--variant", "none", "--metric", "cost_mean", "--tuners", "zoac,zoac_plus,bo,cmaes,nominal"]
-
-
-@pytest.mark.parametrize(
-    ("folder", "task", "options"),
-    [
-        ("mpc_tracking", "mpc_tracking", []),
-        ("four_tuners", "mpc_tracking", FOUR),
-        ("pid_acc", "pid_acc", []),
-        ("pid_acc_code", "pid_acc_code", []),
-    ],
-)
-def test_learning_curves_rebuild(tmp_path, folder, task, options):
-    kept = FIGURES / folder
+@pytest.mark.parametrize("folder", MADE)
+def test_a_table_or_figure_rebuilds(tmp_path, folder):
+    command, kept, options = MADE[folder]
     drawn_by = (FIGURES / "matplotlib.txt").read_text().strip()
-    if drawn_by != matplotlib.__version__:
+    if command is curves and drawn_by != matplotlib.__version__:
         pytest.skip(f"drawn by matplotlib {drawn_by}, whose bytes differ")
-    arguments = ["--task", task, "--format", "svg", "--out", str(tmp_path)]
-    assert curves.main([str(RESULTS), *arguments, *options]) == 0
-    same_bytes(tmp_path, kept)
+    assert command.main([str(RESULTS / kept), *options.split(), "--out", str(tmp_path)]) == 0
+    same_bytes(tmp_path, ROOT / folder)
 
 
 def test_the_40_seeds_of_cruise_control_are_as_found_md_says():

@@ -3,7 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.spaces import MultiBinary
+from gymnasium.spaces import Box, MultiBinary
 
 import zoac
 from tests.envs.test_adapters import Drift
@@ -57,3 +57,37 @@ def test_other_spaces_are_refused():
 
     with pytest.raises(ConfigError, match="Box or Discrete of actions"):
         linear(Odd)
+
+
+def test_observations_are_normalised_by_what_random_actions_show():
+    env = gymnasium.make("Pendulum-v1")
+    env.action_space.seed(0)
+    seen = []
+    for seed in range(2):
+        seen.append(env.reset(seed=seed)[0])
+        over = False
+        while not over:
+            obs, _, terminated, truncated, _ = env.step(env.action_space.sample())
+            seen.append(obs)
+            over = terminated or truncated
+    mean, std = np.mean(seen, axis=0), np.std(seen, axis=0)
+    act, space = linear("Pendulum-v1", random_episodes=2)
+    params = dict.fromkeys(space, 0.0) | {"weight_0_2": 0.3}
+    for deviations in (-2.0, 0.0, 1.0):
+        expected = 2.0 * np.tanh(0.3 * deviations / np.sqrt(3))
+        assert act(params, mean + deviations * std) == pytest.approx(expected, abs=1e-5)
+
+
+def test_a_number_that_stays_the_same_is_not_divided_by_zero():
+    class Still(Drift):
+        observation_space = Box(-np.inf, np.inf, (2,), np.float64)
+
+        def reset(self, **options):
+            return np.append(super().reset(**options)[0], 7.0), {}
+
+        def step(self, action):
+            obs, *rest = super().step(action)
+            return np.append(obs, 7.0), *rest
+
+    act, space = linear(Still, random_episodes=1)
+    assert act(dict.fromkeys(space, 0.0) | {"weight_0_1": 1.0}, np.array([0.0, 7.0])) == 0.0

@@ -125,7 +125,8 @@ class ScalarController:
             remembers: `controller` makes an object with such a method; see `LiveController`.
         """
         self._controller, self._remembers = controller, remembers
-        self._plain = {p.name: p.plain for p in space.parameters} if space is not None else {}
+        parameters = space.parameters if space is not None else ()
+        self._plain = {p.name: p.plain for p in parameters if p.kind != "real"}
         self._fixed = dict(fixed)
 
     def init(self, n: int) -> Memory:
@@ -140,20 +141,18 @@ class ScalarController:
         self, params: Parameters, obs: np.ndarray, memory: Memory
     ) -> tuple[np.ndarray, Memory, Diagnostics]:
         """See `Controller.act`; but objects in `memory` change in place."""
-        given = {
-            name: [self._plain.get(name, float)(v) for v in values.tolist()]
-            for name, values in params.items()
-        }
-        given |= {name: [value] * len(obs) for name, value in self._fixed.items()}
+        rows = zip(*(values.tolist() for values in params.values()), strict=True)
         actions = []
-        for env_index in range(len(obs)):
-            values = {name: of_envs[env_index] for name, of_envs in given.items()}
+        for env_index, numbers in enumerate(rows):
+            values = dict(zip(params, numbers, strict=True)) | self._fixed
+            for name, plain in self._plain.items():
+                values[name] = plain(values[name])
             act = memory["controller"][env_index].act if self._remembers else self._controller
             action = act(values, obs[env_index].copy())
             if action is None:
                 raise TypeError("act returned None, expected a number or an array")
             actions.append(np.asarray(action, dtype=np.float64).reshape(-1))
-        return np.stack(actions), memory, {}
+        return np.array(actions), memory, {}
 
 
 class WithFixed:

@@ -137,7 +137,10 @@ class GymnasiumVecEnv(VecEnv):
                 result = self._call(env_index, "reset", seed=short, **told)
                 observation, told_info = _parts(result, "reset", ("observation", "info"))
                 self._numbers.check(self._envs[env_index], numbers)
-                self._see(env_index, observation)
+                flat = self._flat(observation)
+                if not np.isfinite(flat).all():
+                    raise _not_finite(flat)
+                self._seen[env_index] = flat
                 self._measure(env_index, told_info, "reset")
             except EnvironmentFailure as failure:
                 failures[env_index] = failure
@@ -157,34 +160,41 @@ class GymnasiumVecEnv(VecEnv):
         """
         n = self.num_envs
         failures: dict[int, EnvironmentFailure] = {}
-        cost, terminated, truncated = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
+        costs, terminated, truncated = [0.0] * n, [False] * n, [False] * n
         taken = env_actions(self._taken, actions)
         measured = {INFO_BEFORE + key: numbers.copy() for key, numbers in self._info.items()}
         self._steps += 1 if mask is None else mask
-        steps = self._steps.tolist()
+        steps, seen = self._steps.tolist(), self._seen.copy()
         for env_index in range(n) if mask is None else np.flatnonzero(mask).tolist():
             try:
                 result = self._call(env_index, "step", taken[env_index])
-                observation, reward, terminated[env_index], cut, info = _parts(
-                    result, "step", _STEP
-                )
-                self._see(env_index, observation)
-                self._measure(env_index, info, "step")
-                cost[env_index] = self._objective.cost(reward, info, steps[env_index])
+                observation, reward, ended, cut, info = _parts(result, "step", _STEP)
+                seen[env_index] = self._flat(observation)
+                if self._info:
+                    self._measure(env_index, info, "step")
+                costs[env_index] = self._objective.cost(reward, info, steps[env_index])
             except EnvironmentFailure as failure:
-                failures[env_index], terminated[env_index] = failure, False
+                failures[env_index] = failure
                 continue
             over_time = steps[env_index] >= self.max_episode_steps
-            if over_time and not (self.limited or terminated[env_index] or cut):
+            if over_time and not (self.limited or ended or cut):
                 raise ConfigError(
                     f"an episode has not ended after {self.max_episode_steps:,} steps; the "
                     "environment needs a time limit: give max_episode_steps"
                 )
-            truncated[env_index] = (cut or over_time) and not terminated[env_index]
+            terminated[env_index] = bool(ended)
+            truncated[env_index] = bool(cut or over_time) and not ended
+        # The sum of squares, the quickest test, may also overflow.
+        if not math.isfinite(np.vdot(seen, seen)):
+            for env_index in np.flatnonzero(~np.isfinite(seen).all(axis=1)).tolist():
+                failures[env_index] = _not_finite(seen[env_index])
+                seen[env_index] = self._seen[env_index]
+                costs[env_index], terminated[env_index], truncated[env_index] = 0.0, False, False
+        self._seen, cost = seen, np.array(costs)
         measured |= {INFO + key: numbers.copy() for key, numbers in self._info.items()}
         applied = np.array(taken, dtype=np.float64).reshape(actions.shape)
         infos = {"cost": cost, "failures": failures, "actions": applied, "measured": measured}
-        return self._seen.copy(), -cost, terminated, truncated, infos
+        return seen.copy(), -cost, np.array(terminated), np.array(truncated), infos
 
     def _call(self, env_index: int, method: str, *arguments: Any, **options: Any) -> Any:
         """Call an environment's method; one that raises is replaced by a new environment.
@@ -224,7 +234,7 @@ class GymnasiumVecEnv(VecEnv):
                 )
             numbers[env_index] = value
 
-    def _see(self, env_index: int, observation: Any) -> None:
+    def _flat(self, observation: Any) -> np.ndarray:
         try:
             flat = np.asarray(observation, dtype=np.float64).reshape(-1)
         except (TypeError, ValueError):
@@ -237,13 +247,7 @@ class GymnasiumVecEnv(VecEnv):
                 f"the environment returned an observation of {flat.size} numbers, expected "
                 f"{self._seen.shape[1]} as its observation_space says"
             )
-        # The sum of squares, the quickest test, may also overflow.
-        if not math.isfinite(flat @ flat) and not np.isfinite(flat).all():
-            raise EnvironmentFailure(
-                f"the environment returned the observation {flat.tolist()}; every number must be "
-                "finite"
-            )
-        self._seen[env_index] = flat
+        return flat
 
     def state(self, env_indices: Sequence[int] | np.ndarray) -> dict[str, Any]:
         """See `VecEnv.state`."""
@@ -273,6 +277,13 @@ class GymnasiumVecEnv(VecEnv):
         """Close every environment."""
         for env in self._envs:
             env.close()
+
+
+def _not_finite(observation: np.ndarray) -> EnvironmentFailure:
+    return EnvironmentFailure(
+        f"the environment returned the observation {observation.tolist()}; every number must be "
+        "finite"
+    )
 
 
 _STEP = ("observation", "reward", "terminated", "truncated", "info")

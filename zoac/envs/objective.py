@@ -49,7 +49,7 @@ class Objective:
             EnvironmentFailure: If it is not finite.
         """
         if self._key is None:
-            cost = -_number(reward, "reward", step)
+            cost = -float(reward) if isinstance(reward, float) else -_number(reward, "reward", step)
             if self._auto and info.get("cost") is not None:
                 _refuse_conflict(cost, info["cost"], step)
         elif info.get(self._key) is None:

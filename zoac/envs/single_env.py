@@ -141,9 +141,9 @@ def env_actions(space: gymnasium.Space, actions: np.ndarray) -> np.ndarray | lis
         nearest = np.clip(np.rint(actions[:, 0]) - space.start, 0, space.n - 1)
         return [int(space.start + k) for k in nearest]
     assert isinstance(space, Box)
-    whole = np.issubdtype(space.dtype, np.integer)
+    whole = space.dtype.kind in "iu"
     actions = (np.rint(actions) if whole else actions).reshape(-1, *space.shape)
-    return np.clip(actions, space.low, space.high).astype(space.dtype)
+    return np.minimum(np.maximum(actions, space.low), space.high).astype(space.dtype)
 
 
 def env_action(space: gymnasium.Space, action: np.ndarray) -> Any:
