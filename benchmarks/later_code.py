@@ -13,94 +13,33 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from zoac.algorithm.advantage import estimate
-from zoac.algorithm.options import CriticOptions
-from zoac.algorithm.zoac import Zoac, within_float32
-from zoac.core.segments import Segment
-from zoac.core.tuner import Problem
-from zoac.core.types import Positive
 from zoac.runs.schema import is_done, read_metrics, read_result
 
 SETTINGS = {
     "as published": [],
     "200 directions": ["tuner.exploration.segments=20"],
     "longer segments": ["tuner.exploration.segment_length=40", "tuner.lam=0.97"],
-    "plain SGD": ["+tuner.gradient_step=5e-4", "tuner.standardise_advantages=false"],
-    "fitted critic": ["+tuner.critic_first=true"],
-    "middle": ["+tuner.middle=true"],
+    "plain SGD": [
+        "tuner.step_size.rule=sgd",
+        "tuner.step_size.first=5e-4",
+        "tuner.standardise_advantages=false",
+    ],
+    "fitted critic": ["tuner.critic.epochs_before=5"],
+    "middle": ["tuner.start=middle"],
 }
 _ALL = [option for options in SETTINGS.values() for option in options]
-SETTINGS["all but the middle"] = [option for option in _ALL if option != "+tuner.middle=true"]
+SETTINGS["all but the middle"] = [option for option in _ALL if option != "tuner.start=middle"]
 SETTINGS["all of them"] = _ALL
-
-
-class LaterCode(Zoac):
-    """ZOAC with three rules that its options do not have."""
-
-    def __init__(
-        self,
-        problem: Problem,
-        *,
-        gradient_step: Positive | None = None,
-        critic_first: bool = False,
-        middle: bool = False,
-        critic: CriticOptions = CriticOptions(),
-        **options: Any,
-    ) -> None:
-        """
-        Args:
-            problem: What is tuned.
-            gradient_step: Step size of plain gradient descent; None: Adam.
-            critic_first: Advantages come from the critic after half of its epochs.
-            middle: Begin in the middle of the box.
-            critic: Its network and fit.
-            options: Of ZOAC.
-        """
-        if critic_first:
-            critic = replace(critic, epochs=critic.epochs // 2)
-        super().__init__(problem, critic=critic, **options)
-        self._gradient_step, self._critic_first = gradient_step, critic_first
-        self._told: Sequence[Segment] = ()
-        if middle:
-            self._theta = np.zeros(problem.space.dimension)
-            self._average = self._theta.copy()
-
-    def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
-        """See `Tuner.tell`."""
-        self._told = segments
-        return super().tell(segments)
-
-    def _weights(self, advantages: np.ndarray) -> np.ndarray:
-        if self._critic_first and self._pending is not None:
-            self._critic.fit(*self._pending)  # the other half follows as the background update
-            observations = [within_float32(s.observations) for s in self._finite(self._told)]
-            values = self._critic.values(np.concatenate(observations))
-            ends = np.cumsum([len(o) for o in observations])[:-1]
-            advantages, _ = estimate(
-                self._finite(self._told), np.split(values, ends), self._gamma, self._lam
-            )
-        return super()._weights(advantages)
-
-    def _move(self, gradient: np.ndarray, step_size: float) -> None:
-        if self._gradient_step is None:
-            super()._move(gradient, step_size)
-        else:
-            theta = self._theta - self._gradient_step * gradient
-            self._theta = self._problem.space.clip(theta)
 
 
 def launch(task: str, budget: int, seeds: int, runs: Path) -> None:
     """Run every setting with every seed, unless it is done."""
     common = [f"task={task}", "tuner=zoac", f"budget={budget}", "executor=serial"]
-    common += [f"tuner._target_={__spec__.name}.LaterCode", f"runs_dir={runs}"]
-    common += ["mpc_solver=riccati", "-m", f"seed=range(0,{seeds})"]
+    common += [f"runs_dir={runs}", "mpc_solver=riccati", "-m", f"seed=range(0,{seeds})"]
     for name, options in SETTINGS.items():
         command = [sys.executable, "-m", "zoac.run", *common, _variant(name), *options]
         subprocess.run(command, check=True)

@@ -16,6 +16,7 @@ import csv
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,9 +50,10 @@ Policy = Callable[[np.ndarray], np.ndarray]
 def by_zoac(env: str, seed: int, steps: int, options: dict[str, Any]) -> tuple[Policy, np.ndarray]:
     """Return the last policy of ZOAC, and the standard deviation of observations under it."""
     chosen = ZOAC[env] | options
+    make = partial(gymnasium.make, env, **chosen.pop("of_env", {}))
     act, space = linear(env, bound=chosen.pop("bound"), random_episodes=RANDOM_EPISODES)
     result = zoac.tune(
-        env=env, controller=act, space=space, baseline=dict.fromkeys(space, 0.0), tuner="zoac",
+        env=make, controller=act, space=space, baseline=dict.fromkeys(space, 0.0), tuner="zoac",
         seed=seed, budget=steps, eval_every=steps // 4, episodes=2, final_episodes=2, quiet=True,
         executor="serial", tuner_options={"start": "baseline"} | chosen,
     )  # fmt: skip

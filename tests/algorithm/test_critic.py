@@ -13,7 +13,7 @@ from zoac.algorithm.options import CriticOptions
 
 def make_critic(seed=0, epochs=1, minibatch=64, **options):
     rng = np.random.default_rng(seed)
-    chosen = CriticOptions((16, 12), 1e-2, epochs, minibatch, **options)
+    chosen = CriticOptions((16, 12), 1e-2, epochs, minibatch=minibatch, **options)
     return Critic(5, chosen, rng)
 
 

@@ -6,7 +6,9 @@ import pytest
 from tests.algorithm.support import grouped
 from tests.support import CountingTask, engine
 from zoac.algorithm import zoac as zoac_module
+from zoac.algorithm.advantage import estimate
 from zoac.algorithm.zoac import Zoac
+from zoac.core.errors import ConfigError
 from zoac.core.tuner import Problem
 
 OPTIONS = {
@@ -72,6 +74,53 @@ def test_advantages_come_from_the_critic_before_its_update():
     segments = group.rollout(tuner.ask())
     values = tuner._critic.values(np.concatenate([s.observations for s in segments]))
     assert tuner.tell(segments)["value_mean"] == float(values.mean())
+
+
+def test_advantages_may_come_from_a_critic_that_has_learnt_from_the_iteration():
+    options = {"epochs": 4, "epochs_before": 3}
+    tuner, twin = make_zoac(**options), make_zoac(**options)
+    segments = engine(CountingTask(), [0, 1, 2, 3]).rollout(tuner.ask())
+    seen = [s.observations for s in segments]
+    ends = np.cumsum([len(s) for s in seen])[:-1]
+
+    def values():
+        return twin._critic.values(np.concatenate(seen))
+
+    _, targets = estimate(segments, np.split(values(), ends), 0.99, 0.95)
+    fitted = np.concatenate([s[:-1] for s in seen]), np.concatenate(targets)
+    twin._critic.fit(*fitted, 3)
+    advantages, _ = estimate(segments, np.split(values(), ends), 0.99, 0.95)
+    numbers = tuner.tell(segments)
+    assert numbers["value_mean"] == float(values().mean())
+    assert numbers["advantage_std"] == float(advantages.std())
+    tuner.background_update()
+    twin._critic.fit(*fitted, 1)
+    np.testing.assert_equal(tuner._critic.state(), twin._critic.state())
+
+
+def test_some_epochs_come_after_the_advantages():
+    with pytest.raises(ConfigError, match="epochs_before=4: expected fewer than all 4"):
+        make_zoac(epochs=4, epochs_before=4)
+
+
+def test_sgd_moves_by_step_size_times_gradient_against_it():
+    tuner = make_zoac(rule="sgd", step_size=1e-3, standardise_advantages=False, project=False)
+    before = tuner._theta
+    segments = engine(CountingTask(), [0, 1, 2, 3]).rollout(tuner.ask())
+    weights = np.array([s.costs.sum() for s in segments])  # a critic that knows nothing, lambda 1
+    zero = [np.zeros(len(s.observations)) for s in segments]
+    advantages, _ = estimate(segments, zero, 1.0, 1.0)
+    np.testing.assert_allclose(advantages, weights)
+    tuner._gamma = tuner._lam = 1.0
+    tuner._critic.values = lambda observations: np.zeros(len(observations))
+    tuner.tell(segments)
+    directions = np.stack([s.proposal.x - before for s in segments]) / 0.1
+    gradient = weights @ directions / (len(weights) * 0.1)
+    np.testing.assert_allclose(tuner._theta, before - 1e-3 * gradient, rtol=1e-9)
+
+
+def test_it_may_begin_in_the_middle_of_the_box():
+    np.testing.assert_array_equal(make_zoac(start="middle").recommend(), [0.0, 0.0])
 
 
 def test_same_seed_same_numbers_and_another_seed_others():

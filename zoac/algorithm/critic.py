@@ -78,12 +78,15 @@ class Critic:
         return torch.cat(values).numpy() / self._options.target_scale
 
     @_own_settings()
-    def fit(self, observations: np.ndarray, targets: np.ndarray) -> float:
-        """Minimise eq. (8) by M epochs of minibatch steps; return the mean loss of the last.
+    def fit(
+        self, observations: np.ndarray, targets: np.ndarray, epochs: int | None = None
+    ) -> float:
+        """Minimise eq. (8) by epochs of minibatch steps; return the mean loss of the last.
 
         Args:
             observations: States (B, o).
             targets: Value targets (B,).
+            epochs: Passes over all states; default: M.
         """
         if self._options.normalise_observations:
             self._statistics.update(observations)
@@ -93,7 +96,7 @@ class Critic:
         ).unsqueeze(1)
         parts = minibatches(len(inputs), self._options)
         shuffled, squares = torch.empty_like(inputs), 0.0
-        for _ in range(self._options.epochs):
+        for _ in range(self._options.epochs if epochs is None else epochs):
             order = torch.from_numpy(self._rng.permutation(len(inputs)))
             states = torch.index_select(inputs, 0, order, out=shuffled).split(parts)
             squares = sum(map(self._step, states, wanted[order].split(parts)))

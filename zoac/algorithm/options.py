@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from zoac.core.types import Count, NonNegative, Positive
+from zoac.core.types import Count, Natural, NonNegative, Positive
 
 
 @dataclass(frozen=True)
@@ -28,15 +28,18 @@ class Exploration:
 
 @dataclass(frozen=True)
 class StepSize:
-    """Adam's step size for the parameters, over the iterations.
+    """The parameters' step size, over the iterations.
 
     Args:
+        rule: "adam" (the paper), or "sgd": the step size times the gradient, nothing else (the
+            authors' later code, with 5e-4 and advantages that are not standardised).
         first: Of the first iteration.
         last: Where annealing stops; None: the first one.
         slope: Decrease per iteration.
         anneal: False keeps the first one (the authors' code).
     """
 
+    rule: Literal["adam", "sgd"] = "adam"
     first: Positive = 5e-2
     last: Positive | None = 1e-2
     slope: NonNegative = 1e-4
@@ -58,6 +61,8 @@ class CriticOptions:
         hidden: Widths of the hidden layers.
         step_size: alpha_critic, Adam's step size.
         epochs: M, passes over an iteration's states.
+        epochs_before: How many of them come before the iteration's advantages, which are then
+            computed from the new critic (half in the authors' later code); 0: none (the paper).
         minibatch: L, states per gradient step.
         minibatch_remainder: States that minibatches leave over are a smaller one ("separate"), or
             join the last one ("joined", the authors' code).
@@ -68,6 +73,7 @@ class CriticOptions:
     hidden: Sequence[Count] = (256, 256)
     step_size: Positive = 5e-4
     epochs: Count = 10
+    epochs_before: Natural = 0
     minibatch: Count = 128
     minibatch_remainder: Literal["separate", "joined"] = "separate"
     normalise_observations: bool = False

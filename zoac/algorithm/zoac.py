@@ -16,6 +16,7 @@ from zoac.algorithm.advantage import estimate
 from zoac.algorithm.critic import Critic
 from zoac.algorithm.gradient import standardised, zeroth_order_gradient
 from zoac.algorithm.options import CriticOptions, Exploration, StepSize
+from zoac.core.errors import ConfigError
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner
 from zoac.core.types import UnitInterval
@@ -27,6 +28,7 @@ CRITIC_LIMIT = 1e15
 _STARTS = {
     "random": "uniform in the mapped box, from the seed",
     "baseline": "the task's baseline parameters",
+    "middle": "the middle of the mapped box",
 }
 
 
@@ -43,7 +45,7 @@ class Zoac(Tuner):
         exploration: Exploration = Exploration(),
         step_size: StepSize = StepSize(),
         critic: CriticOptions = CriticOptions(),
-        start: Literal["random", "baseline"] = "random",
+        start: Literal["random", "baseline", "middle"] = "random",
         gamma: UnitInterval = 0.99,
         lam: UnitInterval = 0.95,
         standardise_advantages: bool = True,
@@ -57,7 +59,8 @@ class Zoac(Tuner):
             exploration: Which segments an iteration runs.
             step_size: Of the parameters, over the iterations.
             critic: Its network and fit.
-            start: Begin anywhere in the box (the paper), or at the task's baseline parameters.
+            start: Begin anywhere in the box (the paper), at the task's baseline parameters, or in
+                the middle of the box.
             gamma: Discount factor.
             lam: lambda of generalised advantage estimation.
             standardise_advantages: Mean 0 and deviation 1 over an iteration's segments.
@@ -73,12 +76,20 @@ class Zoac(Tuner):
         self._standardise, self._project = standardise_advantages, project
         self._recommend, self._decay = recommend, average_decay
         self._rng = problem.rng("tuner")
+        if critic.epochs_before >= critic.epochs:
+            raise ConfigError(
+                f"critic.epochs_before={critic.epochs_before}: expected fewer than all "
+                f"{critic.epochs} of critic.epochs"
+            )
+        self._epochs = critic.epochs_before, critic.epochs - critic.epochs_before
         self._critic = Critic(problem.observation_size, critic, problem.rng("critic"))
         dimension = problem.space.dimension
         self._start = start
         self._theta = self._rng.uniform(-1.0, 1.0, dimension)  # theta_m
         if start == "baseline":
             self._theta = problem.baseline_start("tuner.start=baseline")
+        elif start == "middle":
+            self._theta = np.zeros(dimension)
         self._average = self._theta.copy()
         self._adam = Adam(dimension)
         self._iteration = self._skipped = 0
@@ -113,13 +124,14 @@ class Zoac(Tuner):
         self.background_update()
         segments = self._finite(segments)
         everything = within_float32(np.concatenate([s.observations for s in segments]))
-        # Advantages come from the critic as it was before this iteration's update, so the update
-        # (line 11) can wait for a better moment: see `background_update`.
-        values = self._critic.values(everything)
-        ends = np.cumsum([len(s.observations) for s in segments])[:-1]
-        advantages, targets = estimate(segments, np.split(values, ends), self._gamma, self._lam)
+        # In the paper advantages come from the critic as it was before this iteration's update, so
+        # the update (line 11) can wait for a better moment: see `background_update`.
+        values, advantages, targets = self._advantages(segments, everything)
         states = np.concatenate([s.observations[:-1] for s in segments])
         self._pending = within_float32(states), within_float32(np.concatenate(targets))
+        if self._epochs[0]:
+            self._critic.fit(*self._pending, self._epochs[0])
+            values, advantages, _ = self._advantages(segments, everything)
         weights = self._weights(advantages)
         gradient = zeroth_order_gradient(weights, self._directions, self.sigma)  # eq. (10)
         step_size = self.step_size
@@ -140,8 +152,19 @@ class Zoac(Tuner):
             "value_mean": float(values.mean()),
         }
 
+    def _advantages(
+        self, segments: Sequence[Segment], everything: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+        """Return the critic's values of all observations, and by eq. (9) advantages and targets."""
+        values = self._critic.values(everything)
+        ends = np.cumsum([len(s.observations) for s in segments])[:-1]
+        return values, *estimate(segments, np.split(values, ends), self._gamma, self._lam)
+
     def _move(self, gradient: np.ndarray, step_size: float) -> None:
-        self._theta = self._adam.descend(self._theta, gradient, step_size)
+        if self._step_size.rule == "adam":
+            self._theta = self._adam.descend(self._theta, gradient, step_size)
+        else:
+            self._theta = self._theta - step_size * gradient
         if self._project:
             self._theta = self._problem.space.clip(self._theta)
         self._average = self._decay * self._average + (1 - self._decay) * self._theta
@@ -152,7 +175,7 @@ class Zoac(Tuner):
             return
         states, targets = self._pending
         self._pending = None
-        self._critic_loss = self._critic.fit(states, targets)
+        self._critic_loss = self._critic.fit(states, targets, self._epochs[1])
 
     def _finite(self, segments: Sequence[Segment]) -> list[Segment]:
         """Replace costs that are not finite; see `step_costs`."""
