@@ -9,7 +9,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -65,7 +65,7 @@ def tune_cost(
     again = "the same call" if folder else f"the same call with folder={str(where)!r}"
     try:
         with locked(where / ".carried-out"):
-            carry_out(study, cost, workers=study.settings.workers, quiet=quiet)
+            carry_out(study, cost, quiet=quiet)
     except HeldError:
         raise RunFolderError(f"{where}: another process carries out this study") from None
     except KeyboardInterrupt:
@@ -103,27 +103,24 @@ def _line(text: str) -> str:
     return f"{first.removesuffix(': its last lines')}: {others[-1].strip()}" if others else first
 
 
-def carry_out(study: Study, cost: Cost, *, workers: int = 1, quiet: bool = True) -> None:
+def carry_out(study: Study, cost: Cost, *, quiet: bool = True) -> None:
     """Run all experiments that are left, those of a process that was killed first.
 
     Args:
-        study: What is carried out, by this process alone.
+        study: What is carried out, by this process alone; each of its workers is a thread.
         cost: As for `tune_cost`.
-        workers: How many at a time, each in a thread.
         quiet: Print nothing.
 
     Raises:
         NothingWorksError: If each of the first ten experiments failed.
     """
-    work = _Work(study, cost, quiet)
+    work, workers = _Work(study, cost, quiet), study.settings.workers
     if workers == 1:
         work.run()
         return
     with ThreadPoolExecutor(workers) as pool:
         try:
-            done, _ = wait([pool.submit(work.run) for _ in range(workers)],
-                           return_when=FIRST_EXCEPTION)  # fmt: skip
-            for future in done:
+            for future in as_completed([pool.submit(work.run) for _ in range(workers)]):
                 future.result()
         finally:
             work.stop()
@@ -155,8 +152,12 @@ class _Work:
             except StudyFinished:
                 return
             result = self._result(trial)
-            if not self._stopped.is_set():
-                self._tell(trial, result)
+            if self._stopped.is_set():
+                return
+            ended = self._study.tell(trial, **result)
+            if not self._quiet:
+                total = self._study.settings.experiments
+                print(f"experiment {ended.number} of {total}: {_line(told(ended))}", flush=True)
 
     def _next(self) -> Trial:
         with suppress(queue.Empty):
@@ -173,12 +174,6 @@ class _Work:
         except Exception as error:  # whatever a user's function raises
             return {"failed": f"{type(error).__name__}: {error}"}
         return {"cost": answer}
-
-    def _tell(self, trial: Trial, result: dict[str, Any]) -> None:
-        ended = self._study.tell(trial, **result)
-        if not self._quiet:
-            total = self._study.settings.experiments
-            print(f"experiment {ended.number} of {total}: {_line(told(ended))}", flush=True)
 
 
 def _interrupted(study: Study, again: str) -> Interrupted:

@@ -17,7 +17,7 @@ from zoac.runs.schema import RUN, plain
 from zoac.specs.spec import Spec
 from zoac.specs.trace import from_plain
 from zoac.study.carry_out import carry_out
-from zoac.study.dialogue import Dialogue
+from zoac.study.dialogue import carry_out_by_hand
 from zoac.study.program import program
 from zoac.study.state.trial import Trial
 from zoac.study.study import Study
@@ -40,8 +40,8 @@ exit status:
 
 def command(arguments: Sequence[str]) -> int:
     """Run one command; return its exit status."""
-    options = _parser().parse_args(_with_equals(arguments))
     try:
+        options = _parser().parse_args(_with_equals(arguments))
         found = options.run(options)
     except TrialsPending as error:
         return _say(error, WAITS)
@@ -129,17 +129,17 @@ def _numbers(given: Sequence[str] | None, option: str) -> dict[str, float]:
     return numbers
 
 
-def _study(options: argparse.Namespace) -> Study:
-    return Study(folder=options.folder)
+def _opened(folder: str) -> Study:
+    return Study(folder=folder)
 
 
 def _ask(options: argparse.Namespace) -> dict[str, Any]:
-    trial = _study(options).ask(by=options.by, wait=options.wait)
+    trial = options.study.ask(by=options.by, wait=options.wait)
     return {"number": trial.number, "parameters": trial.parameters}
 
 
 def _tell(options: argparse.Namespace) -> dict[str, Any]:
-    trial = _study(options).tell(
+    trial = options.study.tell(
         options.number,
         options.cost,
         failed=options.failed,
@@ -159,10 +159,6 @@ def _table(path: str) -> pd.DataFrame:
         raise ConfigError(f"{path}: cannot be read as a table: {error}") from None
 
 
-def _abandon(options: argparse.Namespace) -> dict[str, Any]:
-    return _told(_study(options).abandon(options.number, options.reason))
-
-
 def _told(trial: Trial) -> dict[str, Any]:
     told = {"number": trial.number, "state": trial.state, "parameters": trial.parameters}
     more = {"cost": trial.cost, "reason": trial.reason, "metrics": trial.metrics,
@@ -171,7 +167,7 @@ def _told(trial: Trial) -> dict[str, Any]:
 
 
 def _status(options: argparse.Namespace) -> dict[str, Any]:
-    study = _study(options)
+    study: Study = options.study
     states = [trial.state for trial in study.trials]
     best = None
     with suppress(StudyError):
@@ -186,23 +182,10 @@ def _status(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _best(options: argparse.Namespace) -> dict[str, Any]:
-    return _told(_study(options).best)
-
-
-def _export(options: argparse.Namespace) -> dict[str, Any]:
-    return {"file": str(_study(options).export(options.file))}
-
-
 def _run(options: argparse.Namespace) -> dict[str, Any]:
-    study = _study(options)
     cost = program(options.command, timeout=options.timeout, retries=options.retries)
-    carry_out(study, cost, workers=study.settings.workers)
-    return _told(study.best)
-
-
-def _interactive(options: argparse.Namespace) -> None:
-    Dialogue(_study(options)).run()
+    carry_out(options.study, cost)
+    return _told(options.study.best)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -217,7 +200,10 @@ def _parser() -> argparse.ArgumentParser:
     def add(name: str, run: Callable[[argparse.Namespace], Any], text: str) -> Any:
         added = commands.add_parser(name, help=text, description=text)
         added.set_defaults(run=run)
-        added.add_argument("folder", help="of the study")
+        if run is _create:
+            added.add_argument("folder", help="of the study")
+        else:
+            added.add_argument("study", type=_opened, metavar="folder", help="of the study")
         return added
 
     create = add("create", _create, "begin a study")
@@ -248,16 +234,21 @@ def _parser() -> argparse.ArgumentParser:
     tell.add_argument("--trace", metavar="CSV", help="judged by the study's specs")
     for kind in ("metric", "constraint"):
         tell.add_argument(f"--{kind}", action="append", metavar="NAME=NUMBER")
-    abandon = add("abandon", _abandon, "give up an experiment that never comes back")
+    abandon = add(
+        "abandon",
+        lambda o: _told(o.study.abandon(o.number, o.reason)),
+        "give up an experiment that never comes back",
+    )
     abandon.add_argument("number", type=int)
     abandon.add_argument("--reason", default="given up")
     add("status", _status, "print how far the study is")
-    add("best", _best, "print the answer so far")
-    export = add("export", _export, "write the answer as .yaml, .json, .h or .m")
+    add("best", lambda o: _told(o.study.best), "print the answer so far")
+    export = add("export", lambda o: {"file": str(o.study.export(o.file))},
+                 "write the answer as .yaml, .json, .h or .m")  # fmt: skip
     export.add_argument("file")
     run = add("run", _run, "carry the study out with a program that answers in JSON")
     run.add_argument("--timeout", type=float, metavar="SECONDS")
     run.add_argument("--retries", type=int, default=0)
     run.add_argument("command", nargs="+", help="behind --")
-    add("interactive", _interactive, "run the experiments by hand")
+    add("interactive", lambda o: carry_out_by_hand(o.study), "run the experiments by hand")
     return parser

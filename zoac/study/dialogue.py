@@ -19,86 +19,71 @@ HELP = """\
   stop            leave; the same command goes on with this experiment"""
 
 
-class Dialogue:
-    """Asks a person for one result after the other, on standard input and output."""
+def carry_out_by_hand(study: Study) -> None:
+    """Ask a person for one result after the other, on standard input and output.
 
-    def __init__(self, study: Study) -> None:
-        """
-        Args:
-            study: What is carried out.
-        """
-        self._study = study
+    This ends when the experiments are used up or the person stops.
+    """
+    print(f"{study.folder}\n{HELP}")
+    try:
+        while (trial := _next(study)) is not None and _answered(study, trial):
+            pass
+    except (EOFError, KeyboardInterrupt):
+        print("\nstopped")
+    with suppress(StudyError):
+        best = study.best
+        print(f"best so far: experiment {best.number}, {told(best)}")
+        _show(study, best.parameters)
 
-    def run(self) -> None:
-        """Go on until the experiments are used up or the person stops."""
-        print(f"{self._study.folder}\n{HELP}")
-        try:
-            while (trial := self._next()) is not None:
-                self._show(trial)
-                if not self._answer(trial):
-                    break
-        except (EOFError, KeyboardInterrupt):
-            print("\nstopped")
-        with suppress(StudyError):
-            best = self._study.best
-            print(f"best so far: experiment {best.number}, {told(best)}")
-            self._values(best.parameters)
 
-    def _next(self) -> Trial | None:
-        if pending := self._study.pending:
-            return pending[0]
-        try:
-            return self._study.ask(by="person")
-        except StudyFinished:
-            print("every experiment has its result")
-        except TrialsPending as error:
-            print(error)
-        return None
+def _next(study: Study) -> Trial | None:
+    if pending := study.pending:
+        return pending[0]
+    try:
+        return study.ask(by="person")
+    except StudyFinished:
+        print("every experiment has its result")
+    except TrialsPending as error:
+        print(error)
+    return None
 
-    def _answer(self, trial: Trial) -> bool:
-        """Take the person's answers until the trial has a result; False: they stop."""
-        while True:
-            word, _, rest = input("cost> ").strip().partition(" ")
-            if word == "stop":
-                return False
-            if word == "repeat":
-                self._show(trial)
-            elif word == "baseline":
-                self._baseline()
-            elif word == "failed":
-                self._study.tell(trial, failed=rest or "failed")
+
+def _answered(study: Study, trial: Trial) -> bool:
+    """Show a trial; take the person's answers until it has a result. False: they stop."""
+    word, rest = "repeat", ""
+    while word != "stop":
+        if word == "repeat":
+            print(f"\nexperiment {trial.number} of {study.settings.experiments}")
+            _show(study, trial.parameters)
+        elif word == "baseline":
+            _show_baseline(study)
+        elif word == "failed":
+            study.tell(trial, failed=rest or "failed")
+            return True
+        elif word:
+            try:
+                study.tell(trial, float(word + rest))
                 return True
-            elif word and self._cost(trial, f"{word}{rest}"):
-                return True
+            except ConfigError as error:
+                print(error)
+            except ValueError:
+                print(f"{word + rest!r} is no number\n{HELP}")
+        word, _, rest = input("cost> ").strip().partition(" ")
+    return False
 
-    def _cost(self, trial: Trial, text: str) -> bool:
-        try:
-            cost = float(text)
-        except ValueError:
-            print(f"{text!r} is no number\n{HELP}")
-            return False
-        try:
-            self._study.tell(trial, cost)
-        except ConfigError as error:
-            print(error)
-            return False
-        return True
 
-    def _show(self, trial: Trial) -> None:
-        print(f"\nexperiment {trial.number} of {self._study.settings.experiments}")
-        self._values(trial.parameters)
+def _show_baseline(study: Study) -> None:
+    baseline = study.settings.baseline
+    if baseline is None:
+        print("  this study has no baseline values")
+        return
+    print("  baseline values:")
+    _show(study, {**baseline, **study.settings.fixed})
 
-    def _baseline(self) -> None:
-        baseline = self._study.settings.baseline
-        if baseline is None:
-            print("  this study has no baseline values")
-            return
-        print("  baseline values:")
-        self._values({**baseline, **self._study.settings.fixed})
 
-    def _values(self, parameters: Mapping[str, Any]) -> None:
-        units = {p.name: p.unit for p in self._study.settings.space.parameters}
-        width = max(map(len, parameters))
-        for name, value in parameters.items():
-            shown = f"{value:.6g}" if isinstance(value, float) else value
-            print(f"  {name:{width}}  {shown} {units.get(name, '')}".rstrip())
+def _show(study: Study, parameters: Mapping[str, Any]) -> None:
+    units = {p.name: p.unit for p in study.settings.space.parameters}
+    width = max(map(len, parameters))
+    for name, value in parameters.items():
+        shown = f"{value:.6g}" if isinstance(value, float) else value
+        print(f"  {name:{width}}  {shown} {units.get(name, '')}".rstrip())

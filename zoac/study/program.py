@@ -71,34 +71,19 @@ class ProgramError(ZoacError):
 
 
 class Program:
-    """A program that is given parameters and answers with a cost; see `program`."""
+    """A program that is given parameters and answers with a cost; made by `program`."""
 
     def __init__(
-        self,
-        command: Sequence[str] | str,
-        *,
-        timeout: float | None,
-        retries: int,
-        cwd: str | Path | None,
+        self, command: list[str], timeout: float | None, retries: int, folder: Path
     ) -> None:
-        words = shlex.split(command) if isinstance(command, str) else [str(w) for w in command]
-        if not words:
-            raise ConfigError("program: expected a command, such as ['./simulate', '--quick']")
-        seconds("timeout", timeout)
-        if not isinstance(retries, int) or retries < 0:
-            raise ConfigError(f"program: retries={retries!r}, expected 0 or more")
-        folder = Path(cwd or ".").expanduser()
-        if not folder.is_dir():
-            raise ConfigError(f"program: there is no folder {str(folder)!r}")
-        local = folder / words[0]
-        if os.sep in words[0] and local.is_file():
-            words[0] = str(local.absolute())
-        if shutil.which(words[0]) is None:
-            raise ConfigError(
-                f"program: {words[0]!r} is not found or may not be executed; expected a program "
-                "on the path, or its path, such as './simulate'"
-            )
-        self.command, self.timeout, self.retries, self._cwd = words, timeout, retries, folder
+        """
+        Args:
+            command: The program and its arguments.
+            timeout: Seconds after which a run is killed; None: never.
+            retries: How often a run that failed is repeated.
+            folder: Where it runs.
+        """
+        self.command, self.timeout, self.retries, self._cwd = command, timeout, retries, folder
         self._running: set[subprocess.Popen[bytes]] = set()
         self._mutex = threading.Lock()
         self._stopped = False
@@ -109,13 +94,14 @@ class Program:
         Raises:
             ProgramError: If the last attempt failed too.
         """
-        for left in range(self.retries, -1, -1):
+        text = json.dumps(dict(parameters))
+        for _ in range(self.retries):
             try:
-                return self._once(json.dumps(dict(parameters)))
+                return self._once(text)
             except ProgramError:
-                if not left or self._stopped:
+                if self._stopped:
                     raise
-        raise AssertionError  # not reached
+        return self._once(text)
 
     def stop(self) -> None:
         """Kill what runs, and run nothing more."""
@@ -170,14 +156,12 @@ class Program:
                 raise ProgramError(f"cannot start {words[0]!r}: {error.strerror}") from None
             self._running.add(process)
         try:
-            yield process
+            with process:  # which closes its pipes and waits
+                try:
+                    yield process
+                finally:
+                    guard.kill(process)
         finally:
-            guard.kill(process)
-            process.wait()
-            for pipe in (process.stdin, process.stdout, process.stderr):
-                with suppress(OSError):
-                    if pipe is not None:
-                        pipe.close()
             with self._mutex:
                 self._running.discard(process)
 
@@ -212,7 +196,24 @@ def program(
     Raises:
         ConfigError: If there is no such program, or an argument cannot be used.
     """
-    return Program(command, timeout=timeout, retries=retries, cwd=cwd)
+    words = shlex.split(command) if isinstance(command, str) else [str(w) for w in command]
+    if not words:
+        raise ConfigError("program: expected a command, such as ['./simulate', '--quick']")
+    seconds("timeout", timeout)
+    if not isinstance(retries, int) or retries < 0:
+        raise ConfigError(f"program: retries={retries!r}, expected 0 or more")
+    folder = Path(cwd or ".").expanduser()
+    if not folder.is_dir():
+        raise ConfigError(f"program: there is no folder {str(folder)!r}")
+    local = folder / words[0]
+    if os.sep in words[0] and local.is_file():
+        words[0] = str(local.absolute())
+    if shutil.which(words[0]) is None:
+        raise ConfigError(
+            f"program: {words[0]!r} is not found or may not be executed; expected a program "
+            "on the path, or its path, such as './simulate'"
+        )
+    return Program(words, timeout, retries, folder)
 
 
 def _object(output: bytes) -> dict[str, Any] | None:

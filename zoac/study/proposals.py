@@ -7,9 +7,9 @@ batches alone: neither on the order in which results are told nor on restarts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from functools import partial
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -54,18 +54,22 @@ class Proposals:
         self._baseline = None if settings.baseline is None else space.normalise(settings.baseline)
         self.tuner = self._make()
         self._first = 1  # number of the batch's first experiment
-        self._asked = self._ask()
-        self.batch = self._asked or [Proposal(self.tuner.recommend(), 0)]
-        """The experiments that the tuner waits for."""
-        if settings.baseline_first:
-            assert self._baseline is not None
-            others = [p for p in self._asked if not self._is_baseline(p)]
-            self.batch = [Proposal(self._baseline, 0), *others]
+        self.batch, self._places = self._next()
+        """The experiments that the tuner waits for, and where in them is what it asked for."""
+        if self._baseline is not None and settings.baseline_first:
+            asked = [self.batch[place] for place in self._places]
+            new = [not np.allclose(p.x, self._baseline, rtol=0.0, atol=SAME) for p in asked]
+            self.batch = [Proposal(self._baseline, 0), *compress(asked, new)]
+            self._places = np.where(new, np.cumsum(new, dtype=int), 0)
 
-    @property
-    def measures_again(self) -> bool:
-        """See `Tuner.measures_again`."""
-        return self.tuner.measures_again
+    def _next(self) -> tuple[list[Proposal], np.ndarray]:
+        asked = self.tuner.ask()
+        if any(p.restore or p.horizon is not None for p in asked):
+            raise ConfigError(
+                f"tuner={self._settings.tuner!r} asks for parts of episodes, and a study has "
+                "whole experiments only"
+            )
+        return asked or [Proposal(self.tuner.recommend(), 0)], np.arange(len(asked))
 
     def _make(self) -> Tuner:
         settings = self._settings
@@ -75,15 +79,16 @@ class Proposals:
             num_envs=settings.workers,
             budget=max(1, settings.experiments - settings.baseline_first),
             max_episode_steps=1,
-            seed=settings.seed,
+            seed=settings.config["seed"],
             start=self._baseline,
             supports_snapshots=False,
             baseline=self._baseline,
         )
-        names = ("seed", "acceptance_test", "initial_sigma", "initial_samples")
-        given = {name: getattr(settings, name) for name in names}
-        of_run = {"budget": problem.budget, "num_envs": settings.workers, **given}
-        return factory.build_tuner_for(settings.node, problem, factory.build_settings(of_run))
+        names = ("seed", "num_envs", "acceptance_test", "initial_sigma", "initial_samples")
+        of_run = {"budget": problem.budget, **{name: settings.config[name] for name in names}}
+        return factory.build_tuner_for(
+            settings.config["tuner"], problem, factory.build_settings(of_run)
+        )
 
     def x(self, number: int, results: Results) -> np.ndarray:
         """Return the normalised parameters (d,) of an experiment.
@@ -118,33 +123,11 @@ class Proposals:
             )
         for proposal, trial in zip(self.batch, trials, strict=True):
             self._refuse_other(proposal, trial)
-        if self._asked:
+        if len(self._places):
             segments = [segment(p, t) for p, t in zip(self.batch, trials, strict=True)]
-            self.tuner.tell(self._of_the_asked(segments))
+            self.tuner.tell([segments[place] for place in self._places])
         self._first += len(self.batch)
-        self._asked = self._ask()
-        self.batch = self._asked or [Proposal(self.tuner.recommend(), 0)]
-
-    def _of_the_asked(self, segments: Sequence[Segment]) -> list[Segment]:
-        """Return the segment of each proposal of the tuner."""
-        if self._first > 1 or not self._settings.baseline_first:
-            return list(segments)
-        baseline, *others = segments
-        rest = iter(others)
-        return [baseline if self._is_baseline(p) else next(rest) for p in self._asked]
-
-    def _ask(self) -> list[Proposal]:
-        asked = self.tuner.ask()
-        if any(p.restore or p.horizon is not None for p in asked):
-            raise ConfigError(
-                f"tuner={self._settings.tuner!r} asks for parts of episodes, and a study has "
-                "whole experiments only"
-            )
-        return asked
-
-    def _is_baseline(self, proposal: Proposal) -> bool:
-        assert self._baseline is not None
-        return bool(np.allclose(proposal.x, self._baseline, rtol=0.0, atol=SAME))
+        self.batch, self._places = self._next()
 
     def _refuse_other(self, proposal: Proposal, trial: Trial) -> None:
         x = self._settings.space.clip(proposal.x)
@@ -166,9 +149,9 @@ def check(settings: StudySettings) -> Tuner:
     if settings.acceptance_test is not None:
         Proposals(settings)  # says what it needs
         searches = search_budget(searches, settings.acceptance_test)
-    plain = replace(settings, experiments=searches, baseline_first=False, acceptance_test=None,
-                    initial_samples=None)  # fmt: skip
-    proposals = Proposals(plain)
+    plain = {"budget": searches, "baseline_first": False, "acceptance_test": None,
+             "initial_samples": None}  # fmt: skip
+    proposals = Proposals(StudySettings({**settings.config, **plain}, settings.tuner))
     size = len(proposals.batch)
     if size > searches:
         raise ConfigError(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
@@ -15,13 +14,13 @@ import numpy as np
 from zoac.core.errors import ConfigError, StudyError, StudyFinished, TrialsPending
 from zoac.core.parameters import ParameterSpace
 from zoac.runs.export import export
+from zoac.runs.schema import is_done
 from zoac.specs.spec import Spec
 from zoac.study.proposals import Proposals
 from zoac.study.state import folder as files
-from zoac.study.state.journal import Journal
 from zoac.study.state.ledger import Ledger
 from zoac.study.state.settings import new_settings
-from zoac.study.state.trial import Measured, Trial, asked_row, measured, measured_trace, told_row
+from zoac.study.state.trial import Trial, measured
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,19 +98,17 @@ class Study:
         settings = None
         if space is not None:
             settings = new_settings(
-                space=space, tuner=tuner, experiments=experiments, seed=seed, workers=workers,
+                space, tuner, tuner_options, experiments=experiments, workers=workers, seed=seed,
                 baseline=baseline, baseline_first=baseline_first, constraints=constraints,
                 specs=specs, acceptance_test=acceptance_test, initial_sigma=initial_sigma,
-                initial_samples=initial_samples, tuner_options=tuner_options,
+                initial_samples=initial_samples,
             )  # fmt: skip
         self.folder = path
-        called = (name or path.resolve().name, variant)
+        called = {"task": name or path.resolve().name, "variant": variant}
         self.settings, self.trial_timeout = files.opened(path, settings, trial_timeout, called)
-        self._journal = Journal(path)
-        self._ledger = Ledger(self.settings.limits)
-        self._mutex = threading.RLock()
-        if self.finished and not files.is_done(path):  # killed before the result was written
-            with self._journal.writing():
+        self._ledger = Ledger(path, self.settings.limits)
+        if self.finished and not is_done(path):  # killed before the result was written
+            with self._ledger.writing():
                 self._finish()
 
     def ask(self, *, by: str = "", wait: float = 0.0) -> Trial:
@@ -136,15 +133,23 @@ class Study:
             time.sleep(min(0.05, max(0.0, until - time.monotonic())))
 
     def _ask(self, by: str) -> Trial:
-        with self._mutex, self._journal.writing():
-            self._refresh()
-            self._write(*self._ledger.overdue(time.time(), self.trial_timeout))
+        with self._ledger.writing():
+            self._abandon_overdue()
             self._finish()
             self._ledger.refuse_hopeless()
             number = self._ledger.next_number(self.settings.experiments)
             x = self._tuner.x(number, self._ledger.trial)
-            self._write(asked_row(number, self.settings.space, self.settings.fixed, x, by))
+            x = self.settings.space.clip(x)
+            parameters = {**self.settings.space.named(x), **self.settings.fixed}
+            self._ledger.write("asked", number, {"by": by, "parameters": parameters, "x": x})
             return self._ledger.trial(number)
+
+    def _abandon_overdue(self) -> None:
+        limit = self.trial_timeout or np.inf
+        for trial in self._ledger.pending:
+            if time.time() - trial.asked > limit:
+                reason = {"reason": f"no result within {limit:g} s"}
+                self._ledger.write("abandoned", trial.number, reason)
 
     def tell(
         self,
@@ -177,11 +182,10 @@ class Study:
         if (cost is None and trace is None) == (failed is None):
             raise ConfigError("tell needs a cost, a trace or the reason of a failure, one of them")
         if failed is not None:
-            return self._end(trial, "failed", str(failed))
-        given = cost, self.settings.limits, metrics, constraints
-        if trace is None:
-            return self._end(trial, "told", measured(*given))
-        return self._end(trial, "told", measured_trace(trace, self.settings.specs, *given))
+            return self._end(trial, "failed", {"reason": str(failed)})
+        limits, specs = self.settings.limits, self.settings.specs
+        result = measured(cost, limits, metrics, constraints, trace=trace, specs=specs)
+        return self._end(trial, "told", result)
 
     def abandon(self, trial: Trial | int, reason: str = "given up") -> Trial:
         """Give up an experiment that will never have a result; it counts as failed.
@@ -189,25 +193,15 @@ class Study:
         Raises:
             StudyError: If there is no such trial, or it has a result.
         """
-        return self._end(trial, "abandoned", reason)
+        return self._end(trial, "abandoned", {"reason": reason})
 
-    def _end(self, trial: Trial | int, kind: str, result: Measured | str) -> Trial:
+    def _end(self, trial: Trial | int, kind: str, result: Mapping[str, Any]) -> Trial:
         number = trial.number if isinstance(trial, Trial) else int(trial)
-        with self._mutex, self._journal.writing():
-            self._refresh()
-            if not self._ledger.has(number, kind, result):
-                self._write(told_row(number, result, kind, time.time()))
+        with self._ledger.writing():
+            if not self._ledger.has(number, {"kind": kind, **result}):
+                self._ledger.write(kind, number, result)
             self._finish()
             return self._ledger.trial(number)
-
-    def _write(self, *rows: dict[str, Any]) -> None:
-        if rows:
-            self._journal.append(rows)
-            self._refresh()
-
-    def _refresh(self) -> None:
-        with self._mutex:
-            self._ledger.take(self._journal.news())
 
     def __iter__(self) -> Iterator[Trial]:
         """Yield the experiments that are left, and wait for results of others where needed.
@@ -226,26 +220,22 @@ class Study:
 
     def trial(self, number: int) -> Trial:
         """Return a trial as it is now; a `StudyError` if there is none of this number."""
-        self._refresh()
-        return self._ledger.trial(number)
+        return self._ledger.refreshed().trial(number)
 
     @property
     def trials(self) -> list[Trial]:
         """All trials so far, by number."""
-        self._refresh()
-        return self._ledger.trials
+        return self._ledger.refreshed().trials
 
     @property
     def pending(self) -> list[Trial]:
         """Trials without a result."""
-        self._refresh()
-        return self._ledger.pending
+        return self._ledger.refreshed().pending
 
     @property
     def finished(self) -> bool:
         """Whether every experiment has a result."""
-        self._refresh()
-        return self._ledger.ended == self.settings.experiments
+        return self._ledger.refreshed().ended == self.settings.experiments
 
     @property
     def best(self) -> Trial:
@@ -265,9 +255,9 @@ class Study:
 
     @property
     def _conclusion(self) -> tuple[Trial, dict[str, Any]]:
-        with self._mutex:
+        with self._ledger.mutex:
             tested = self.settings.acceptance_test is not None
-            again = self._ledger.has_repetitions and self._tuner.measures_again
+            again = self._ledger.has_repetitions and self._tuner.tuner.measures_again
             if not self.finished or not (tested or again):
                 return self._ledger.best(), {}
             x, outcome = self._tuner.conclusion(self._ledger.trial)
@@ -280,8 +270,7 @@ class Study:
     @property
     def history(self) -> pd.DataFrame:
         """A row for each trial: number, state, cost, its parameters, metrics and constraints."""
-        self._refresh()
-        return self._ledger.frame()
+        return self._ledger.refreshed().frame()
 
     def export(self, path: str | Path) -> Path:
         """Write the best parameters as `.yaml`, `.json`, `.h` (C) or `.m` (MATLAB).
@@ -296,5 +285,5 @@ class Study:
     def _finish(self) -> None:
         """Write the result of a study that is finished; the lock must be held."""
         succeeded = any(trial.state == "told" for trial in self.trials)
-        if self.finished and succeeded and not files.is_done(self.folder):
+        if self.finished and succeeded and not is_done(self.folder):
             files.write_result(self.folder, self.settings, self.trials, self.best, self.outcome)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -22,17 +22,15 @@ from zoac.runs import schema
 from zoac.runs.lock import locked
 from zoac.runs.provenance import here_and_now
 from zoac.study.proposals import check
-from zoac.study.state.settings import StudySettings, from_config, seconds
+from zoac.study.state.settings import StudySettings, seconds
 from zoac.study.state.trial import Trial
-
-is_done = schema.is_done
 
 
 def opened(
     folder: Path,
     settings: StudySettings | None,
     trial_timeout: float | None,
-    called: tuple[str, str | None],
+    called: Mapping[str, str | None],
 ) -> tuple[StudySettings, float | None]:
     """Return settings and time limit of the study in a folder, which is begun if there is none.
 
@@ -41,7 +39,7 @@ def opened(
         settings: What the caller wants; None: whatever is there.
         trial_timeout: Seconds after which a trial is abandoned; None: what the study was begun
             with.
-        called: Name and variant of a study that is begun, for tables.
+        called: `task` and `variant` of a study that is begun, for tables.
 
     Raises:
         ConfigError: If the settings cannot be used.
@@ -55,9 +53,9 @@ def opened(
     record = schema.read_run(folder)
     if "study" not in record:
         raise RunFolderError(f"{folder} holds a run, not a study; choose another folder")
-    found = from_config(record["config"], record["tuner"])
+    found = StudySettings(record["config"], record["tuner"])
     wanted = found if settings is None else settings
-    if differences := schema.differing_keys(found.config(), wanted.config()):
+    if differences := schema.differing_keys(found.config, wanted.config):
         listed = "".join(f"\n  {key}: {a!r}, now {b!r}" for key, (a, b) in differences.items())
         raise RunFolderError(
             f"{folder} holds a study of other settings:{listed}\nuse those, or another folder"
@@ -69,7 +67,7 @@ def _begin(
     folder: Path,
     settings: StudySettings,
     trial_timeout: float | None,
-    called: tuple[str, str | None],
+    called: Mapping[str, str | None],
 ) -> None:
     """Write `run.json` unless there is one."""
     if (folder / schema.RUN).exists():
@@ -79,32 +77,28 @@ def _begin(
         folder.mkdir(parents=True, exist_ok=True)
         with locked(folder / ".lock", wait=True):
             if not (folder / schema.RUN).exists():
-                record = {**_record(settings), "study": {"trial_timeout": trial_timeout}}
-                record["tuner_name"] = tuner.display_name or settings.tuner
-                record["task"], record["variant"] = called
+                record = {
+                    "format": schema.FORMAT,
+                    "tuner": settings.tuner,
+                    "seed": settings.config["seed"],
+                    "config": settings.config,
+                    "config_hash": schema.config_hash(settings.config),
+                    "command": list(sys.argv),
+                    "objective": "the cost that is told",
+                    "tuner_choices": {},
+                    "parameters": [asdict(p) for p in settings.space.parameters],
+                    "fixed": settings.fixed,
+                    "nominal": settings.baseline,
+                    **here_and_now(),
+                    "study": {"trial_timeout": trial_timeout},
+                    "tuner_name": tuner.display_name or settings.tuner,
+                    **called,
+                }
                 schema.write_json(folder / schema.RUN, record)
     except OSError as error:
         raise RunFolderError(
             f"cannot make or use the folder {folder}: {error.strerror}; choose another"
         ) from None
-
-
-def _record(settings: StudySettings) -> dict[str, Any]:
-    config = settings.config()
-    return {
-        "format": schema.FORMAT,
-        "tuner": settings.tuner,
-        "seed": settings.seed,
-        "config": config,
-        "config_hash": schema.config_hash(config),
-        "command": list(sys.argv),
-        "objective": "the cost that is told",
-        "tuner_choices": {},
-        "parameters": [asdict(p) for p in settings.space.parameters],
-        "fixed": settings.fixed,
-        "nominal": settings.baseline,
-        **here_and_now(),
-    }
 
 
 def write_result(

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -74,12 +74,12 @@ class Journal:
         self._read += len(whole) + len(newline)
         return rows
 
-    def append(self, rows: Sequence[dict[str, Any]]) -> None:
-        """Write rows at the end, and return once they are on the disk; the lock must be held.
+    def append(self, row: dict[str, Any]) -> None:
+        """Write a row at the end, and return once it is on the disk; the lock must be held.
 
         All earlier rows must have been read: what follows them is part of a line.
         """
-        left = memoryview("".join(map(json_line, rows)).encode())
+        left = memoryview(json_line(row).encode())
         is_new = not self.path.exists()
         descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
         with os.fdopen(descriptor, "r+b", buffering=0) as file:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from zoac.core.errors import NothingWorksError, RunFolderError, StudyError, StudyFinished
 from zoac.rollout.outcomes import ranking
-from zoac.study.state.trial import Measured, Trial, same_result, told_row, violation
+from zoac.study.state.journal import Journal
+from zoac.study.state.trial import KEYS, Trial, ended
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -19,56 +22,61 @@ if TYPE_CHECKING:
 HOPELESS = 10
 """First experiments of which one must not fail."""
 
+COLUMNS = ("number", "state", "cost", "violation", "by", "reason", "asked", "ended")
+"""Of a study's history, before parameters and measured values."""
+
 
 class Ledger:
-    """The trials of a study, as its journal tells them."""
+    """The trials of a study, as its journal tells them; for several threads."""
 
-    def __init__(self, limits: Mapping[str, float]) -> None:
+    def __init__(self, folder: Path, limits: Mapping[str, float]) -> None:
         """
         Args:
+            folder: Of the study.
             limits: Of constraints, by name.
         """
-        self._limits = limits
+        self._journal, self._limits = Journal(folder), limits
+        self.mutex = threading.RLock()  # who holds it may ask the tuner
         self._trials: list[Trial] = []
+        self._results: dict[int, Mapping[str, Any]] = {}
 
-    def __len__(self) -> int:
-        return len(self._trials)
+    @contextmanager
+    def writing(self) -> Iterator[None]:
+        """Hold the study, which one process and thread has at a time, with all that is known."""
+        with self.mutex, self._journal.writing():
+            self.refreshed()
+            yield
 
-    def take(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Take in the next rows of the journal.
+    def write(self, kind: str, number: int, content: Mapping[str, Any]) -> None:
+        """Write a row of the journal; `writing` must be held."""
+        self._journal.append({"kind": kind, "number": number, "time": time.time(), **content})
+        self.refreshed()
+
+    def refreshed(self) -> Ledger:
+        """Take in what was written since; return this ledger.
 
         Raises:
-            RunFolderError: If they contradict earlier ones.
+            RunFolderError: If the journal is damaged, or contradicts itself.
         """
-        for row in rows:
-            number = row["number"]
-            if row["kind"] == "asked":
-                if number != len(self._trials) + 1:
-                    raise RunFolderError(f"the journal asks for trial {number} out of turn")
-                x = tuple(row["x"])
-                self._trials.append(
-                    Trial(number, row["parameters"], x, by=row["by"], asked=row["time"])
-                )
-                continue
-            if not self.trial(number).pending:
-                raise RunFolderError(f"the journal has two results of trial {number}")
-            self._trials[number - 1] = self._ended(self._trials[number - 1], row)
+        with self.mutex:
+            for row in self._journal.news():
+                self._take(row["number"], row)
+        return self
 
-    def _ended(self, trial: Trial, row: Mapping[str, Any]) -> Trial:
-        constraints = _numbers(row.get("constraints"))
-        return replace(
-            trial,
-            state=row["kind"],
-            cost=row.get("cost"),
-            metrics=_numbers(row.get("metrics")),
-            constraints=constraints,
-            specs=_numbers(row.get("specs")),
-            violation=violation(constraints, self._limits) + row.get("excess", 0.0),
-            reason=row.get("reason"),
-            ended=row["time"],
-        )
+    def _take(self, number: int, row: Mapping[str, Any]) -> None:
+        if row["kind"] == "asked":
+            if number != len(self._trials) + 1:
+                raise RunFolderError(f"the journal asks for trial {number} out of turn")
+            x = tuple(row["x"])
+            asked = Trial(number, row["parameters"], x, by=row["by"], asked=row["time"])
+            self._trials.append(asked)
+            return
+        if not (trial := self.trial(number)).pending:
+            raise RunFolderError(f"the journal has two results of trial {number}")
+        self._trials[number - 1] = ended(trial, row, self._limits)
+        self._results[number] = row
 
-    def has(self, number: int, kind: str, result: Measured | str) -> bool:
+    def has(self, number: int, result: Mapping[str, Any]) -> bool:
         """Tell whether a trial has this very result already.
 
         Raises:
@@ -77,7 +85,8 @@ class Ledger:
         trial = self.trial(number)
         if trial.pending:
             return False
-        if same_result(trial, result, kind):
+        known = self._results[number]
+        if all(known.get(key) == result.get(key) for key in ("kind", "reason", *KEYS)):
             return True
         raise StudyError(f"trial {number} has a result already: {told(trial)}")
 
@@ -108,19 +117,11 @@ class Ledger:
         Raises:
             StudyFinished: If the study's experiments have all been asked for.
         """
-        if len(self) == experiments:
+        if len(self._trials) == experiments:
             out = len(self.pending)
             more = f"; {out} of them have no result yet" if out else ""
             raise StudyFinished(f"all {experiments} experiments have been asked for{more}")
-        return len(self) + 1
-
-    def overdue(self, now: float, limit: float | None) -> list[dict[str, Any]]:
-        """Return a row for each trial to be abandoned: asked longer ago than the limit [s]."""
-        if limit is None:
-            return []
-        reason = f"no result within {limit:g} s"
-        late = [t for t in self.pending if now - t.asked > limit]
-        return [told_row(t.number, reason, "abandoned", now) for t in late]
+        return len(self._trials) + 1
 
     def refuse_hopeless(self) -> None:
         """Refuse to go on if the first experiments all failed.
@@ -173,21 +174,13 @@ class Ledger:
 
         rows = []
         for t in self._trials:
-            row = {
-                "number": t.number,
-                "state": t.state,
-                "cost": math.nan if t.cost is None else t.cost,
-                "violation": t.violation,
-                "by": t.by,
-                "reason": t.reason,
-                "asked": t.asked,
-                "ended": math.nan if t.ended is None else t.ended,
-            }
+            row = {name: getattr(t, name) for name in COLUMNS}
             for kind in ("parameters", "metrics", "constraints", "specs"):
                 for name, value in getattr(t, kind).items():
                     row[f"{kind}.{name}" if name in row else name] = value
             rows.append(row)
-        return pd.DataFrame(rows)
+        frame = pd.DataFrame(rows, columns=None if rows else list(COLUMNS))
+        return frame.astype({"cost": float, "ended": float})
 
 
 def told(trial: Trial) -> str:
@@ -199,7 +192,3 @@ def told(trial: Trial) -> str:
 
 def _is_at(trial: Trial, x: np.ndarray) -> bool:
     return bool(np.allclose(trial.x, np.clip(x, -1.0, 1.0), rtol=0.0, atol=1e-9))
-
-
-def _numbers(given: Mapping[str, float | None] | None) -> dict[str, float]:
-    return {name: math.nan if v is None else v for name, v in (given or {}).items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 from zoac.config.files import configuration
@@ -23,99 +23,42 @@ BO_EXPERIMENTS, BO_DIMENSION = 200, 4
 """Up to here `auto` is Bayesian optimisation; beyond, CMA-ES, which failures mislead less."""
 
 
-@dataclass(frozen=True)
 class StudySettings:
-    """Everything that the parameters of a study's experiments depend on, beside their results.
+    """Everything that the parameters of a study's experiments depend on, beside their results."""
 
-    Args:
-        space: What is tuned.
-        fixed: Parameters that are not, by name.
-        baseline: Values in use today; None if there are none.
-        limits: Of constraints, by name.
-        specs: By which a trace is judged.
-        tuner: Name of the tuner's configuration.
-        node: The tuner's configuration.
-        experiments: How many.
-        seed: Of everything random.
-        workers: Experiments that the tuner plans side by side.
-        baseline_first: Whether the baseline is the first experiment.
-        acceptance_test: Fraction of the experiments for it, or None.
-        initial_sigma: See `zoac.tune`.
-        initial_samples: See `zoac.tune`.
-    """
-
-    space: ParameterSpace
-    fixed: dict[str, Any]
-    baseline: dict[str, Any] | None
-    limits: dict[str, float]
-    specs: tuple[Spec, ...]
-    tuner: str
-    node: dict[str, Any]
-    experiments: int
-    seed: int
-    workers: int
-    baseline_first: bool
-    acceptance_test: float | None
-    initial_sigma: float | None
-    initial_samples: int | None
-
-    def config(self) -> dict[str, Any]:
-        """Return the settings as JSON holds them, in the layout of a run's configuration."""
-        given = {
-            "task": {
-                "space": [asdict(p) for p in self.space.parameters],
-                "fixed": self.fixed,
-                "baseline": self.baseline,
-                "limits": self.limits,
-                "specs": [as_plain(spec) for spec in self.specs],
-            },
-            "tuner": self.node,
-            "seed": self.seed,
-            "budget": self.experiments,
-            "num_envs": self.workers,
-            "baseline_first": self.baseline_first,
-            "acceptance_test": self.acceptance_test,
-            "initial_sigma": self.initial_sigma,
-            "initial_samples": self.initial_samples,
-        }
-        plain: dict[str, Any] = schema.plain(given)
-        return plain
-
-
-def from_config(config: Mapping[str, Any], tuner: str) -> StudySettings:
-    """Return the settings that `StudySettings.config` wrote."""
-    task = config["task"]
-    parameters = [Parameter(**{**p, "options": tuple(p["options"])}) for p in task["space"]]
-    names = ("seed", "baseline_first", "acceptance_test", "initial_sigma", "initial_samples")
-    return StudySettings(
-        space=ParameterSpace(parameters),
-        fixed=task["fixed"],
-        baseline=task["baseline"],
-        limits=task["limits"],
-        specs=tuple(map(from_plain, task["specs"])),
-        tuner=tuner,
-        node=config["tuner"],
-        experiments=config["budget"],
-        workers=config["num_envs"],
-        **{name: config[name] for name in names},
-    )
+    def __init__(self, config: Mapping[str, Any], tuner: str) -> None:
+        """
+        Args:
+            config: Plain data, in the layout of a run's configuration.
+            tuner: Name of the tuner's configuration.
+        """
+        self.config, self.tuner, task = config, tuner, config["task"]
+        self.space = ParameterSpace(
+            [Parameter(**{**p, "options": tuple(p["options"])}) for p in task["space"]]
+        )
+        self.fixed: dict[str, Any] = task["fixed"]
+        self.baseline: dict[str, Any] | None = task["baseline"]
+        self.limits: dict[str, float] = task["limits"]
+        self.specs = tuple(map(from_plain, task["specs"]))
+        self.experiments: int = config["budget"]
+        self.workers: int = config["num_envs"]
+        self.baseline_first: bool = config["baseline_first"]
+        self.acceptance_test: float | None = config["acceptance_test"]
 
 
 def new_settings(
-    *,
     space: ParameterSpace | Mapping[str, Any],
     tuner: str,
+    tuner_options: Mapping[str, Any] | None,
+    *,
     experiments: int,
-    seed: int,
     workers: int,
+    seed: int,
     baseline: Mapping[str, Any] | None,
     baseline_first: bool,
     constraints: Mapping[str, float] | None,
     specs: Sequence[Spec],
-    acceptance_test: float | None,
-    initial_sigma: float | None,
-    initial_samples: int | None,
-    tuner_options: Mapping[str, Any] | None,
+    **others: Any,
 ) -> StudySettings:
     """Return checked settings; see `zoac.study.study.Study` for the arguments.
 
@@ -130,8 +73,7 @@ def new_settings(
                                ("workers", workers, 1)):  # fmt: skip
         if not is_number(value) or value % 1 or value < least:
             raise ConfigError(f"{name}={value!r}: expected a whole number, {least} or more")
-    experiments, workers = int(experiments), int(workers)
-    named = _tuner(tuner, parsed.dimension, experiments, workers)
+    named = _tuner(tuner, parsed.dimension, int(experiments), int(workers))
     node = configuration(task=None, tuner=named)["tuner"]
     options = dict(tuner_options or {})
     if values and "start" in node:
@@ -140,22 +82,22 @@ def new_settings(
         known = [k for k in node if not k.startswith("_")]
         if key not in known:
             raise ConfigError(f"tuner {named!r} has no option {key!r}; {suggest(key, known)}")
-    return StudySettings(
-        space=parsed,
-        fixed=fixed,
-        baseline=values or None,
-        limits=_limits(constraints),
-        specs=_specs(specs),
-        tuner=named,
-        node={**node, **options},
-        experiments=experiments,
-        seed=int(seed),
-        workers=workers,
-        baseline_first=baseline_first and bool(values),
-        acceptance_test=acceptance_test,
-        initial_sigma=initial_sigma,
-        initial_samples=initial_samples,
-    )
+    config = {
+        "task": {
+            "space": [asdict(p) for p in parsed.parameters],
+            "fixed": fixed,
+            "baseline": values or None,
+            "limits": _limits(constraints),
+            "specs": [_plain(spec) for spec in specs],
+        },
+        "tuner": {**node, **options},
+        "seed": int(seed),
+        "budget": int(experiments),
+        "num_envs": int(workers),
+        "baseline_first": baseline_first and bool(values),
+        **others,
+    }
+    return StudySettings(schema.plain(config), named)
 
 
 def seconds(name: str, value: Any) -> None:
@@ -179,14 +121,12 @@ def _tuner(name: str, dimension: int, experiments: int, workers: int) -> str:
     return name
 
 
-def _specs(specs: Sequence[Spec]) -> tuple[Spec, ...]:
-    for spec in specs:
-        if not isinstance(spec, Spec):
-            raise ConfigError(
-                f"specs: {spec!r} is no spec; expected such as zoac.specs.overshoot('y', 'r')"
-            )
-        as_plain(spec)  # says what is wrong with it
-    return tuple(specs)
+def _plain(spec: Spec) -> dict[str, Any]:
+    if not isinstance(spec, Spec):
+        raise ConfigError(
+            f"specs: {spec!r} is no spec; expected such as zoac.specs.overshoot('y', 'r')"
+        )
+    return as_plain(spec)
 
 
 def _limits(constraints: Mapping[str, float] | None) -> dict[str, float]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from zoac.core.errors import ConfigError, suggest
-from zoac.core.parameters import ParameterSpace
 from zoac.core.types import is_number
+from zoac.runs.schema import plain
 from zoac.specs.spec import Spec
 from zoac.specs.trace import judged
 
@@ -21,25 +19,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 State = Literal["pending", "told", "failed", "abandoned"]
-
-
-@dataclass(frozen=True)
-class Measured:
-    """What an experiment gave.
-
-    Args:
-        cost: To be minimised.
-        metrics: Further numbers by name, which are only recorded.
-        constraints: Measured values by name; each must not be above its limit.
-        specs: Values of the specs that judged a trace, by label.
-        excess: By how much hard ones were exceeded.
-    """
-
-    cost: float
-    metrics: dict[str, float] = field(default_factory=dict)
-    constraints: dict[str, float] = field(default_factory=dict)
-    specs: dict[str, float] = field(default_factory=dict)
-    excess: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -90,20 +69,28 @@ def measured(
     limits: Mapping[str, float],
     metrics: Mapping[str, float] | None = None,
     constraints: Mapping[str, float] | None = None,
-) -> Measured:
-    """Return what an experiment's answer says.
+    *,
+    trace: pd.DataFrame | None = None,
+    specs: Sequence[Spec] = (),
+) -> dict[str, Any]:
+    """Return what an experiment gave, as the journal's row holds it.
 
     Args:
         answer: The cost; or a mapping with `cost` and, if wanted, `metrics` and `constraints`,
-            numbers by name.
+            numbers by name. None beside a trace whose specs give the cost.
         limits: Of the constraints that every experiment must measure.
         metrics: Beside those of the answer.
         constraints: Beside those of the answer.
+        trace: See `zoac.specs.trace.episode_of`.
+        specs: Of the study, which judge the trace.
 
     Raises:
-        ConfigError: If the answer is neither, the cost is not finite, or a constraint with a limit
-            was not measured.
+        ConfigError: If the answer is neither, the cost is not finite, a constraint with a limit
+            was not measured, or the trace cannot be judged.
     """
+    excess, of_specs = 0.0, dict[str, float]()
+    if trace is not None:
+        answer, excess, of_specs = _judged(trace, specs, answer)
     if not isinstance(answer, Mapping):
         answer = {"cost": answer}
     for key in answer:
@@ -122,30 +109,15 @@ def measured(
         raise ConfigError(
             f"the answer does not say the constraint(s) {', '.join(missing)}, which have a limit"
         )
-    return Measured(cost, numbers, values)
+    more = {"excess": excess, "metrics": numbers, "constraints": values, "specs": of_specs}
+    row: dict[str, Any] = plain({"cost": cost, **{k: v for k, v in more.items() if v}})
+    return row
 
 
-def measured_trace(
-    trace: pd.DataFrame,
-    specs: Sequence[Spec],
-    cost: float | None,
-    limits: Mapping[str, float],
-    metrics: Mapping[str, float] | None = None,
-    constraints: Mapping[str, float] | None = None,
-) -> Measured:
-    """Return what a recorded trace says by specs; see `measured` for the others.
-
-    Args:
-        trace: See `zoac.specs.trace.episode_of`.
-        specs: Of the study.
-        cost: Needed if no spec is without a limit.
-        limits: See `measured`.
-        metrics: Likewise.
-        constraints: Likewise.
-
-    Raises:
-        ConfigError: If the trace cannot be judged.
-    """
+def _judged(
+    trace: pd.DataFrame, specs: Sequence[Spec], cost: Any
+) -> tuple[Any, float, dict[str, float]]:
+    """Return the cost of a trace, by how much it breaks hard specs, and each spec's value."""
     if not specs:
         raise ConfigError("a trace needs specs to judge it; give the study specs=[...]")
     objective, excess, values = judged(specs, trace)
@@ -155,8 +127,7 @@ def measured_trace(
             if cost is None
             else "the cost comes from the specs without a limit; give none beside the trace"
         )
-    found = measured(cost if objective is None else objective, limits, metrics, constraints)
-    return replace(found, specs=values, excess=excess)
+    return (cost if objective is None else objective), excess, values
 
 
 def _numbers(given: Any, kind: str) -> dict[str, float]:
@@ -196,35 +167,18 @@ def violation(constraints: Mapping[str, float], limits: Mapping[str, float]) -> 
     return total
 
 
-def asked_row(
-    number: int, space: ParameterSpace, fixed: Mapping[str, Any], x: np.ndarray, by: str
-) -> dict[str, Any]:
-    """Return the journal's row for an experiment with normalised parameters x (d,)."""
-    x = space.clip(x)
-    parameters = {**space.named(x), **fixed}
-    return {"kind": "asked", "number": number, "time": time.time(), "by": by,
-            "parameters": parameters, "x": x.tolist()}  # fmt: skip
-
-
-def told_row(number: int, result: Measured | str, kind: str, now: float) -> dict[str, Any]:
-    """Return the journal's row for a result: a measurement, or the reason of a failure."""
-    row: dict[str, Any] = {"kind": kind, "number": number, "time": now}
-    if isinstance(result, str):
-        return {**row, "reason": result}
-    row["cost"] = result.cost
-    if result.excess:
-        row["excess"] = result.excess
-    for name in ("metrics", "constraints", "specs"):
-        if values := getattr(result, name):
-            row[name] = {k: v if math.isfinite(v) else None for k, v in values.items()}
-    return row
-
-
-def same_result(trial: Trial, result: Measured | str, kind: str) -> bool:
-    """Tell whether a trial has exactly this result already."""
-    if trial.state != kind:
-        return False
-    if isinstance(result, str):
-        return trial.reason == result
-    known = [trial.cost, trial.metrics, trial.constraints]
-    return json.dumps(known) == json.dumps([result.cost, result.metrics, result.constraints])
+def ended(trial: Trial, row: Mapping[str, Any], limits: Mapping[str, float]) -> Trial:
+    """Return a trial with the result in a row of the journal."""
+    numbers: dict[str, Any] = {
+        kind: {name: math.nan if v is None else v for name, v in row.get(kind, {}).items()}
+        for kind in ("metrics", "constraints", "specs")
+    }
+    return replace(
+        trial,
+        state=row["kind"],
+        cost=row.get("cost"),
+        violation=violation(numbers["constraints"], limits) + row.get("excess", 0.0),
+        reason=row.get("reason"),
+        ended=row["time"],
+        **numbers,
+    )
