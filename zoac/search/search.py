@@ -67,6 +67,8 @@ class Search:
                 of another configuration.
         """
         self._overrides = list(overrides)
+        self._optuna = load_optuna()
+        self._states = self._optuna.trial.TrialState
         self._trials, self._seeds = trials, seeds
         self._evaluation_seed, self._startup, self._seed = evaluation_seed, startup, seed
         config = compose_config(overrides)
@@ -92,26 +94,25 @@ class Search:
             ) from None
 
     def _open(self, storage: str | None, prune: bool) -> Any:
-        optuna = load_optuna()
         from optuna.storages.journal import JournalFileBackend
         from sqlalchemy.exc import SQLAlchemyError
 
         where: Any = storage
         if storage is None:
-            where = optuna.storages.JournalStorage(
+            where = self._optuna.storages.JournalStorage(
                 JournalFileBackend(str(self._folder / "study.journal"))
             )
         try:
-            return optuna.create_study(
+            return self._optuna.create_study(
                 study_name=self._name,
                 storage=where,
                 load_if_exists=True,
-                pruner=optuna.pruners.MedianPruner(n_startup_trials=5)
+                pruner=self._optuna.pruners.MedianPruner(n_startup_trials=5)
                 if prune
-                else optuna.pruners.NopPruner(),
+                else self._optuna.pruners.NopPruner(),
             )
         except (
-            ImportError, OSError, ValueError, SQLAlchemyError, optuna.exceptions.OptunaError
+            ImportError, OSError, ValueError, SQLAlchemyError, self._optuna.exceptions.OptunaError
         ) as error:  # fmt: skip
             what = str(error).partition("\n")[0]  # SQLAlchemy's advice for programmers left out
             raise ConfigError(
@@ -161,12 +162,11 @@ class Search:
         Of a trial that was left the study knows a second one, with the same options, that goes on
         in the same run folders. None if there are enough trials.
         """
-        states = load_optuna().trial.TrialState
         with locked(self._folder / ".asking", wait=True):
             self._give_up_left_trials()
             known = self._study.get_trials(deepcopy=False)
-            begun = {origin(t) for t in known if t.state != states.WAITING}
-            to_go_on = any(t.state == states.WAITING and origin(t) in begun for t in known)
+            begun = {origin(t) for t in known if t.state != self._states.WAITING}
+            to_go_on = any(t.state == self._states.WAITING and origin(t) in begun for t in known)
             if len(begun) >= self._trials and not to_go_on:
                 return None
             self._study.sampler = self._sampler(len(begun))
@@ -176,10 +176,9 @@ class Search:
 
     def _give_up_left_trials(self) -> None:
         """Have trials whose process has ended gone on with by the next that asks."""
-        states = load_optuna().trial.TrialState
-        for trial in self._study.get_trials(deepcopy=False, states=[states.RUNNING]):
+        for trial in self._study.get_trials(deepcopy=False, states=[self._states.RUNNING]):
             with suppress(HeldError), self._lock(trial.number):
-                self._study.tell(trial.number, state=states.FAIL)
+                self._study.tell(trial.number, state=self._states.FAIL)
                 self._study.enqueue_trial(trial.params, user_attrs={CONTINUES: origin(trial)})
 
     def _lock(self, number: int) -> AbstractContextManager[None]:
@@ -187,10 +186,9 @@ class Search:
 
     def _sampler(self, number: int) -> Any:
         """Return a sampler for one trial: what it draws depends on the study's history alone."""
-        optuna = load_optuna()
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-            return optuna.samplers.TPESampler(
+            warnings.simplefilter("ignore", self._optuna.exceptions.ExperimentalWarning)
+            return self._optuna.samplers.TPESampler(
                 seed=stream_seed(self._seed, "search", number) % 2**32,
                 n_startup_trials=self._startup,
                 multivariate=True,
@@ -199,18 +197,17 @@ class Search:
 
     def _carry_out(self, trial: Any) -> None:
         """Run a trial's seeds, those that are done already excepted, and tell the study."""
-        optuna = load_optuna()
         costs: list[float] = []
         try:
             for seed in self._seeds:
                 costs.append(self._cost(trial, seed))
                 trial.report(float(np.mean(costs)), step=len(costs))
                 if len(costs) < len(self._seeds) and trial.should_prune():
-                    self._study.tell(trial.number, state=optuna.trial.TrialState.PRUNED)
+                    self._study.tell(trial.number, state=self._states.PRUNED)
                     print(f"trial {origin(trial)} dropped after {len(costs)} seed(s)", flush=True)
                     return
         except ZoacError:
-            self._study.tell(trial.number, state=optuna.trial.TrialState.FAIL)
+            self._study.tell(trial.number, state=self._states.FAIL)
             raise
         self._study.tell(trial.number, float(np.mean(costs)))
         print(f"trial {origin(trial)}: mean cost {np.mean(costs):.4g}", flush=True)
@@ -232,8 +229,7 @@ class Search:
 
     def conclude(self) -> None:
         """Print the best trial as overrides for `zoac.run`, and write it to `best.json`."""
-        optuna = load_optuna()
-        trials = self._study.get_trials(states=[optuna.trial.TrialState.COMPLETE])
+        trials = self._study.get_trials(states=[self._states.COMPLETE])
         if not trials:
             print(f"no trial of {self._folder} has come to its end")
             return
