@@ -12,7 +12,7 @@ from zoac.config.files import configuration
 from zoac.core.errors import ConfigError, option_names, suggest
 from zoac.envs.single_env import EnvSource
 from zoac.rollout.task import Task
-from zoac.tasks.user_specs import with_requirements
+from zoac.tasks.user_specs import require
 from zoac.tasks.user_task import user_task
 
 REQUIREMENTS = ("signals", "sample_time", "specs", "objective")
@@ -63,7 +63,7 @@ def given_task(
     if doubled:
         raise ConfigError(f"give either task or env, controller and space; not {doubled} too")
     made = make_task(task) if isinstance(task, str) else copy(task)
-    made = with_requirements(made, **{name: options[name] for name in REQUIREMENTS})
+    require(made, options)
     if options["baseline"] is not None:
         made.baseline = dict(options["baseline"])
     return made

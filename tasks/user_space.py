@@ -35,24 +35,23 @@ def parse_space(
         where, entry = f"space[{name!r}]", _plain(entry)
         if isinstance(entry, (int, float)):
             fixed[name] = float(entry)
-        elif isinstance(entry, Mapping):
-            fields = {key: _plain(value) for key, value in entry.items()}
-            if "baseline" in fields:
-                given = fields.pop("baseline")
-                start[name] = given if "choices" in fields else _number(given, f"{where}.baseline")
-            parameters.append(_parameter(name, fields))
-        elif isinstance(entry, Sequence) and not isinstance(entry, str):
+            continue
+        if isinstance(entry, Sequence) and not isinstance(entry, str):
             if len(entry) > len(_FIELDS):
                 raise ConfigError(
                     f"{where}={entry!r}: expected at most {', '.join(_FIELDS)}; a start value goes "
                     f"into a dict, such as {{'low': 0, 'high': 5, 'baseline': 1}}"
                 )
-            values = [_plain(value) for value in entry]
-            parameters.append(_parameter(name, dict(zip(_FIELDS, values, strict=False))))
-        else:
+            entry = dict(zip(_FIELDS, entry, strict=False))
+        if not isinstance(entry, Mapping):
             raise ConfigError(
                 f"{where}={entry!r}: expected (low, high), (low, high, 'log'), a dict or a number"
             )
+        fields = {key: _plain(value) for key, value in entry.items()}
+        if "baseline" in fields:
+            given = fields.pop("baseline")
+            start[name] = given if "choices" in fields else _number(given, f"{where}.baseline")
+        parameters.append(_parameter(name, fields))
     return ParameterSpace(parameters), fixed, start
 
 
@@ -71,8 +70,7 @@ def _number(given: Any, where: str) -> float:
         raise ConfigError(f"{where}={given!r}: expected a number") from None
 
 
-def _parameter(name: str, fields: Mapping[str, Any]) -> Parameter:
-    fields = dict(fields)
+def _parameter(name: str, fields: dict[str, Any]) -> Parameter:
     if fields.get("scale") == "integer":
         fields |= {"scale": "linear", "kind": "integer"}
     try:

@@ -145,35 +145,27 @@ def with_objective(specs: tuple[Spec, ...], objective: Any) -> tuple[str, tuple[
     return "reward", (*specs, *parts)
 
 
-def with_requirements(
-    task: Task,
-    signals: Mapping[str, Any] | None,
-    sample_time: float | None,
-    specs: Sequence[Any],
-    objective: Any,
-) -> Task:
-    """Return a task with signals and requirements beside its own.
+def require(task: Task, options: Mapping[str, Any]) -> None:
+    """Give a task signals and requirements beside its own.
 
     Args:
-        task: What is changed, and returned.
-        signals: Further ones by name, or others than the task's own.
-        sample_time: Seconds of a step; None: the task's own.
-        specs: Further ones.
-        objective: "auto": the task's own; or a soft spec, or several, which take its place.
+        task: What is changed.
+        options: `signals`, `sample_time`, `specs` and `objective`, as `zoac.tune` takes them. A
+            signal takes the place of the task's own of that name, soft specs that of its own.
 
     Raises:
         ConfigError: If one cannot be used.
     """
-    _, added = with_objective(specs_of(specs), objective)
-    if not (signals or added or sample_time):
-        return task
+    _, added = with_objective(specs_of(options["specs"]), options["objective"])
+    signals, seconds = options["signals"], options["sample_time"]
+    if not (signals or added or seconds):
+        return
     kept = [s for s in task.specs if s.hard or all(other.hard for other in added)]
     task.signals = {**task.signals, **signals_of(signals or {})}
-    task.sample_time = _seconds(sample_time) or task.sample_time
+    task.sample_time = _seconds(seconds) or task.sample_time
     task.specs = (*kept, *added)
     task.objective = objective_text(added, task.objective)
     check(task.specs, task.signals, task.sample_time)
-    return task
 
 
 def sample_time_of(given: float | None, env: gymnasium.Env) -> float | None:

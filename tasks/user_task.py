@@ -25,7 +25,6 @@ from zoac.envs.plant_numbers import Bounds, PlantNumbers
 from zoac.envs.single_env import EnvSource, env_action, single_env
 from zoac.rollout.task import Task
 from zoac.specs.judge import check
-from zoac.specs.signals import Signal
 from zoac.specs.spec import Spec
 from zoac.tasks.user_fmu import FmuFile
 from zoac.tasks.user_space import parse_space
@@ -38,6 +37,11 @@ from zoac.tasks.user_specs import (
     with_objective,
 )
 
+MAX_STEPS = 10_000_000
+"""Steps of an episode that a user may ask for."""
+
+_DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
+
 
 class Acts(Protocol):
     """What has a method `act`."""
@@ -48,55 +52,112 @@ class Acts(Protocol):
 
 
 class UserTask(Task):
-    """A task from a user's environment, controller and bounds."""
+    """A task from a user's environment, controller and bounds.
+
+    As `user_task` it is the `_target_` of a YAML file of his own.
+    """
 
     def __init__(
         self,
+        *,
         env: EnvSource,
         controller: Any,
-        space: ParameterSpace,
-        fixed: Mapping[str, float] | None = None,
+        space: ParameterSpace | Mapping[str, Any],
         baseline: Mapping[str, Any] | None = None,
-        metrics: Sequence[Metric] = (),
+        metrics: Sequence[Metric] | Mapping[str, Any] = (),
+        constraints: Sequence[Constraint] | Mapping[str, Any] = (),
         max_episode_steps: int | None = None,
-        constraints: Sequence[Constraint] = (),
         plant: Mapping[str, float] | None = None,
         vary: Mapping[str, Bounds] | None = None,
-        objective: str = "auto",
-        signals: Mapping[str, Signal] | None = None,
+        objective: str | Spec | Mapping[str, Any] | Sequence[Any] = "auto",
+        signals: Mapping[str, Any] | None = None,
         sample_time: float | None = None,
-        specs: Sequence[Spec] = (),
+        specs: Sequence[Any] = (),
+        observations: Sequence[str] | None = None,
+        actions: Sequence[str] | Mapping[str, Bounds] | None = None,
+        cost: Any = None,
+        step_size: float | None = None,
+        stop_time: float | None = None,
     ) -> None:
         """
         Args:
-            env: A Gymnasium id, a function that makes an environment, or an environment, which is
-                then copied for every environment.
-            controller: See `zoac.controllers.user_controller.as_controller`.
-            space: What is tuned.
-            fixed: Parameters that are not.
-            baseline: Today's values, for comparison and as a start.
-            metrics: Reported beside the cost.
-            max_episode_steps: Cut episodes here.
-            constraints: What must hold at every step.
-            plant: See `GymnasiumVecEnv`.
-            vary: See `GymnasiumVecEnv`.
-            objective: See `zoac.envs.objective.Objective`.
-            signals: What specs and figures call the numbers of an episode.
-            sample_time: Seconds of a step; None: the environment says, if it can.
-            specs: Requirements on whole episodes; those without a limit replace the cost.
+            env: A Gymnasium id, a function (or class) that makes an environment, its dotted path,
+                or an environment, which is then copied; or the path of an `.fmu` file.
+            controller: See `zoac.controllers.user_controller.as_controller`; or the dotted path of
+                such a thing.
+            space: See `zoac.tasks.user_space.parse_space`.
+            baseline: Today's values, beside those that `space` names.
+            metrics: Reported beside the cost: `Metric`s, or functions of a segment, or their dotted
+                paths, by name.
+            constraints: What must hold at every step: `Constraint`s, or functions likewise.
+            max_episode_steps: Cut episodes here; needed if the environment does not end by itself.
+            plant: Attributes of the innermost environment, and the numbers they are set to before
+                every reset.
+            vary: Likewise, and the range from which every episode draws.
+            objective: What is minimised: "reward", its negative; "cost", `info["cost"]`;
+                "info:<key>", another number of info; "auto", the negative reward unless
+                `info["cost"]` differs from it, which is refused; or a spec without a limit, or
+                several, whose weighted sum counts.
+            signals: What specs and figures call the numbers of an episode; see
+                `zoac.tasks.user_specs.signals_of`.
+            sample_time: Seconds of a step; None: the environment's attribute `sample_time` or
+                `dt`, or what its metadata say.
+            specs: Requirements on whole episodes; see `zoac.tasks.user_specs.specs_of`.
+            observations: Of an FMU: names of variables; see `zoac.envs.FmuEnv`, also for the
+                others.
+            actions: Of an FMU: names of inputs, or bounds [low, high] by name.
+            cost: Of an FMU: a variable, a function of {name: value}, or the dotted path of one.
+            step_size: Of an FMU: seconds of a step.
+            stop_time: Of an FMU: seconds of an episode.
+
+        Raises:
+            ConfigError: If any of them cannot be used.
         """
-        self._env, self._controller, self.fixed = env, controller, dict(fixed or {})
-        self.space, self.metrics, self.constraints = space, tuple(metrics), tuple(constraints)
-        self.baseline = dict(baseline) if baseline is not None else None
-        self._max_episode_steps = max_episode_steps
+        if max_episode_steps is not None and not _is_count(max_episode_steps):
+            raise ConfigError(
+                f"max_episode_steps={max_episode_steps!r}: expected 1 or more, a whole number, at "
+                f"most {MAX_STEPS:,}"
+            )
+        for what, numbers in (("plant", plant), ("vary", vary)):
+            if not isinstance(numbers, Mapping | None):
+                raise ConfigError(f"{what}={numbers!r}: expected numbers by attribute")
+        of_fmu = {"observations": observations, "actions": actions, "cost": cost,
+                  "step_size": step_size, "stop_time": stop_time}  # fmt: skip
+        if isinstance(env, str) and env.endswith(".fmu"):
+            env = FmuFile(env, **of_fmu)
+        elif given := [name for name, value in of_fmu.items() if value is not None]:
+            raise ConfigError(f"{', '.join(given)}: only for an FMU, with env: <path>.fmu")
+        if isinstance(env, str) and _DOTTED.fullmatch(env):
+            kinds = (gymnasium.Env,)
+            wanted = "a gymnasium.Env, its class, or a function that makes one"
+            env = locate_code(env, "env", kinds, kinds, wanted)
+        if isinstance(controller, str):
+            wanted = "a function act(params, obs), an object with such a method, or what makes one"
+            returned = (np.ndarray, float, int, Acts)
+            controller = locate_code(controller, "controller", (Acts,), returned, wanted)
+        self.space, self.fixed, starts = parse_space(space)
+        if not isinstance(baseline, Mapping | None):
+            raise ConfigError(
+                f"baseline={baseline!r}: expected values by name, such as {{'kp': 1.0}}"
+            )
+        starts = {**starts, **(baseline or {})}
+        if starts:
+            self.space.normalise(starts)  # says what is wrong with a start value
+        of_env, self.specs = with_objective(specs_of(specs), objective)
+        self._env, self._controller = env, controller
+        self.baseline = starts or None
+        self.metrics = tuple(_named(metrics, Metric, "metrics"))
+        self.constraints = tuple(_named(constraints, Constraint, "constraints"))
+        self._max_episode_steps = None if max_episode_steps is None else int(max_episode_steps)
         self._plant, self._vary = dict(plant or {}), dict(vary or {})
-        self._objective = objective
-        self.signals, self.specs = dict(signals or {}), tuple(specs)
-        self.objective = objective_text(self.specs, str(Objective(objective)))
-        if signals or specs:
+        self._objective = of_env
+        self.objective = objective_text(self.specs, str(Objective(of_env)))
+        self.signals = signals_of(signals or {})
+        if self.signals or self.specs:
             with closing(self._one_env()) as env_once:
                 self.sample_time = sample_time_of(sample_time, env_once)
             check(self.specs, self.signals, self.sample_time)
+        self.make_controller()  # says what is wrong with it
 
     def parts(self) -> dict[str, Any]:
         """See `Task.parts`."""
@@ -157,118 +218,11 @@ class UserTask(Task):
             return PlantNumbers(env_once, {}, vary)
 
 
-def user_task(
-    *,
-    env: EnvSource,
-    controller: Any,
-    space: ParameterSpace | Mapping[str, Any],
-    baseline: Mapping[str, Any] | None = None,
-    metrics: Sequence[Metric] | Mapping[str, Any] = (),
-    constraints: Sequence[Constraint] | Mapping[str, Any] = (),
-    max_episode_steps: int | None = None,
-    plant: Mapping[str, float] | None = None,
-    vary: Mapping[str, Bounds] | None = None,
-    objective: str | Spec | Mapping[str, Any] | Sequence[Any] = "auto",
-    signals: Mapping[str, Any] | None = None,
-    sample_time: float | None = None,
-    specs: Sequence[Any] = (),
-    observations: Sequence[str] | None = None,
-    actions: Sequence[str] | Mapping[str, Bounds] | None = None,
-    cost: Any = None,
-    step_size: float | None = None,
-    stop_time: float | None = None,
-) -> UserTask:
-    """Return a task from what a user has; the `_target_` of a YAML file of his own.
-
-    Args:
-        env: A Gymnasium id, a function (or class) that makes an environment, its dotted path, or
-            an environment; or the path of an `.fmu` file.
-        controller: See `zoac.controllers.user_controller.as_controller`; or the dotted path of such
-            a thing.
-        space: See `zoac.tasks.user_space.parse_space`.
-        baseline: Today's values, beside those that `space` names.
-        metrics: Reported beside the cost: `Metric`s, or functions of a segment, or their dotted
-            paths, by name.
-        constraints: What must hold at every step: `Constraint`s, or functions likewise.
-        max_episode_steps: Cut episodes here; needed if the environment does not end by itself.
-        plant: Attributes of the innermost environment, and the numbers they are set to before
-            every reset.
-        vary: Likewise, and the range from which every episode draws.
-        objective: What is minimised: "reward", its negative; "cost", `info["cost"]`; "info:<key>",
-            another number of info; "auto", the negative reward unless `info["cost"]` differs from
-            it, which is refused; or a spec without a limit, or several, whose weighted sum counts.
-        signals: What specs and figures call the numbers of an episode; see
-            `zoac.tasks.user_specs.signals_of`.
-        sample_time: Seconds of a step; None: the environment's attribute `sample_time` or `dt`, or
-            what its metadata say.
-        specs: Requirements on whole episodes; see `zoac.tasks.user_specs.specs_of`.
-        observations: Of an FMU: names of variables; see `zoac.envs.FmuEnv`, also for the others.
-        actions: Of an FMU: names of inputs, or bounds [low, high] by name.
-        cost: Of an FMU: a variable, a function of {name: value}, or the dotted path of one.
-        step_size: Of an FMU: seconds of a step.
-        stop_time: Of an FMU: seconds of an episode.
-
-    Raises:
-        ConfigError: If any of them cannot be used.
-    """
-    if max_episode_steps is not None and not _is_count(max_episode_steps):
-        raise ConfigError(
-            f"max_episode_steps={max_episode_steps!r}: expected 1 or more, a whole number, at most "
-            f"{MAX_STEPS:,}"
-        )
-    for what, numbers in (("plant", plant), ("vary", vary)):
-        if not isinstance(numbers, Mapping | None):
-            raise ConfigError(f"{what}={numbers!r}: expected numbers by attribute")
-    of_fmu = {"observations": observations, "actions": actions, "cost": cost,
-              "step_size": step_size, "stop_time": stop_time}  # fmt: skip
-    if isinstance(env, str) and env.endswith(".fmu"):
-        env = FmuFile(env, **of_fmu)
-    elif given := [name for name, value in of_fmu.items() if value is not None]:
-        raise ConfigError(f"{', '.join(given)}: only for an FMU, with env: <path>.fmu")
-    if isinstance(env, str) and _DOTTED.fullmatch(env):
-        kinds = (gymnasium.Env,)
-        wanted = "a gymnasium.Env, its class, or a function that makes one"
-        env = locate_code(env, "env", kinds, kinds, wanted)
-    if isinstance(controller, str):
-        wanted = "a function act(params, obs), an object with such a method, or what makes one"
-        returned = (np.ndarray, float, int, Acts)
-        controller = locate_code(controller, "controller", (Acts,), returned, wanted)
-    parsed, fixed, starts = parse_space(space)
-    if not isinstance(baseline, Mapping | None):
-        raise ConfigError(f"baseline={baseline!r}: expected values by name, such as {{'kp': 1.0}}")
-    starts = {**starts, **(baseline or {})}
-    if starts:
-        parsed.normalise(starts)  # says what is wrong with a start value
-    of_env, all_specs = with_objective(specs_of(specs), objective)
-    task = UserTask(
-        env,
-        controller,
-        parsed,
-        fixed,
-        starts or None,
-        _named(metrics, Metric, "metrics"),
-        None if max_episode_steps is None else int(max_episode_steps),
-        _named(constraints, Constraint, "constraints"),
-        plant,
-        vary,
-        of_env,
-        signals_of(signals or {}),
-        sample_time,
-        all_specs,
-    )
-    task.make_controller()  # says what is wrong with it
-    return task
-
-
-MAX_STEPS = 10_000_000
-"""Steps of an episode that a user may ask for."""
+user_task = UserTask
 
 
 def _is_count(value: Any) -> bool:
     return is_number(value) and value % 1 == 0 and 1 <= value <= MAX_STEPS
-
-
-_DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
 
 
 def _named(given: Sequence[Any] | Mapping[str, Any], kind: Any, where: str) -> list[Any]:

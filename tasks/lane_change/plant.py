@@ -17,7 +17,7 @@ SAMPLE_TIME = 0.2  # [s]
 RING = 500.0  # [m]
 CARS = 6  # in each lane
 CAR = 5.0  # length [m]
-WANTED = 28.0  # [m/s]
+WANTED = 28.0  # speed that the driver wants [m/s]
 A_LOW, A_HIGH = -6.0, 2.0  # [m/s^2]
 STEPS_PER_DRAW = 50  # a lane keeps its speed for 10 s
 SPEEDS = (16.0, 26.0)  # of lanes [m/s]
@@ -34,10 +34,9 @@ class LaneChangeVecEnv(ArrayVecEnv):
             num_envs: Number of drives n.
             max_episode_steps: Time limit, in steps of 0.2 s.
         """
-        unbounded = np.full(8, np.inf)
         super().__init__(
             num_envs,
-            Box(-unbounded, unbounded, dtype=np.float64),
+            Box(-np.inf, np.inf, (8,), dtype=np.float64),
             Box(np.array([A_LOW, 0.0]), np.array([A_HIGH, 1.0]), dtype=np.float64),
             max_episode_steps,
         )

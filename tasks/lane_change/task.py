@@ -4,14 +4,41 @@ from __future__ import annotations
 
 import numpy as np
 
+from zoac.core.controller import Controller, Diagnostics, Memory, Parameters
 from zoac.core.measures import Constraint, Metric
 from zoac.core.parameters import Parameter, ParameterSpace, choice, integer
 from zoac.core.segments import Segment
 from zoac.core.types import Count
 from zoac.rollout.task import Task
 from zoac.specs.signals import action, observation
-from zoac.tasks.lane_change.driver import RuleBasedDriver
-from zoac.tasks.lane_change.plant import SAMPLE_TIME, LaneChangeVecEnv
+from zoac.tasks.lane_change.plant import SAMPLE_TIME, WANTED, LaneChangeVecEnv
+
+
+class RuleBasedDriver(Controller):
+    """Follows by gap and speed; changes lanes if all rules say so.
+
+    A change needs: `patience` seconds since the last one; gaps of `ahead` and `behind` in the other
+    lane, and a car behind that is not more than `closing` faster; and a lane that is better by
+    `gain`, in what `better` compares: the speeds of the cars ahead [m/s], or the gaps [10 m].
+    """
+
+    def act(
+        self, params: Parameters, obs: np.ndarray, memory: Memory
+    ) -> tuple[np.ndarray, Memory, Diagnostics]:
+        """Return acceleration and wish to change, (n, 2), for observations (n, 8)."""
+        v, gap, away, next_gap, next_away, behind, receding, waited = obs.T
+        follow = params["k_gap"] * (gap - 2.0 - params["headway"] * v) + params["k_speed"] * away
+        acceleration = np.minimum(follow, params["k_speed"] * (WANTED - v))
+        by_gap = params["better"] == 1  # the second option
+        gain = np.where(by_gap, (next_gap - gap) / 10.0, next_away - away)
+        change = (
+            (waited >= params["patience"])
+            & (next_gap > params["ahead"])
+            & (behind > params["behind"])
+            & (receding > -params["closing"])
+            & (gain > params["gain"])
+        )
+        return np.stack([acceleration, change.astype(np.float64)], axis=1), memory, {}
 
 
 def _too_near(segment: Segment) -> np.ndarray:

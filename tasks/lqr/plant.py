@@ -40,10 +40,9 @@ class LqrVecEnv(ArrayVecEnv):
             noise: Standard deviation of the disturbance of each state and step.
             max_episode_steps: Time limit.
         """
-        unbounded = np.full(2, np.inf)
         super().__init__(
             num_envs,
-            Box(-unbounded, unbounded, dtype=np.float64),
+            Box(-np.inf, np.inf, (2,), dtype=np.float64),
             Box(-np.inf, np.inf, (1,), dtype=np.float64),
             max_episode_steps,
         )

@@ -20,12 +20,8 @@ GAINS = ParameterSpace(
 WEIGHTS = ParameterSpace([Parameter("q_x", 1e-2, 1e2, "log"), Parameter("q_v", 1e-3, 1e1, "log")])
 
 
-class StateFeedback:
+class StateFeedback(Controller):
     """u = -(k_x x + k_v v)."""
-
-    def init(self, n: int) -> Memory:
-        """Return the empty memory."""
-        return {}
 
     def act(
         self, params: Parameters, obs: np.ndarray, memory: Memory
@@ -35,12 +31,8 @@ class StateFeedback:
         return u[:, None], memory, {}
 
 
-class Regulator:
+class Regulator(Controller):
     """The best gains for state weights diag(q_x, q_v), beside the plant's weight on the input."""
-
-    def init(self, n: int) -> Memory:
-        """Return the empty memory."""
-        return {}
 
     def act(
         self, params: Parameters, obs: np.ndarray, memory: Memory

@@ -124,7 +124,8 @@ class TrackingMpc:
         values[:, -1] = FIXED_STAGE_U
         theta = values[:, : len(_MODEL)].copy()
         state = obs[:, :6].copy()
-        plan = self._search.plan(theta, state, self._objective(values, obs), self._guess(n, memory))
+        guess = shifted(memory["plan"]) if memory else np.zeros((n, self._options.horizon, 2))
+        plan = self._search.plan(theta, state, self._objective(values, obs), guess)
         actions = plan.inputs[:, 0].copy()
         diagnostics = plan.diagnostics(self._model.predict(theta, state, actions))
         return actions, ({"plan": plan.inputs} if memory else memory), diagnostics
@@ -162,11 +163,6 @@ class TrackingMpc:
             ),
             path,
         )
-
-    def _guess(self, n: int, memory: Memory) -> np.ndarray:
-        if not memory:
-            return np.zeros((n, self._options.horizon, 2))
-        return shifted(memory["plan"])
 
     def _objective(self, values: np.ndarray, obs: np.ndarray) -> Objective:
         n, horizon = len(obs), self._options.horizon

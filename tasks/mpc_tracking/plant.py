@@ -43,10 +43,9 @@ class MpcTrackingVecEnv(ArrayVecEnv):
             max_episode_steps: Time limit.
         """
         self._observation_size = 6 + 3 * horizon
-        unbounded = np.full(self._observation_size, np.inf)
         super().__init__(
             num_envs,
-            Box(-unbounded, unbounded, dtype=np.float64),
+            Box(-np.inf, np.inf, (self._observation_size,), dtype=np.float64),
             Box(INPUT_LOW, INPUT_HIGH, dtype=np.float64),
             max_episode_steps,
             render_mode,
@@ -55,9 +54,8 @@ class MpcTrackingVecEnv(ArrayVecEnv):
         self.arrays["state"][:, 3] = path.SPEED  # an environment not yet begun can stand in a step
 
     def _start(self, env_index: int, rng: np.random.Generator, demonstration: bool) -> None:
-        self.arrays["state"][env_index] = (
-            demonstration_start() if demonstration else random_start(rng)
-        )
+        start = demonstration_start() if demonstration else random_start(rng)
+        self.arrays["state"][env_index] = start
         self.arrays["input"][env_index] = 0.0
 
     def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -76,11 +74,11 @@ class MpcTrackingVecEnv(ArrayVecEnv):
 
     def _frame(self, env_index: int) -> np.ndarray:
         # Loads matplotlib, which tuning does not need.
-        from zoac.tasks.mpc_tracking.figures import draw_states
+        from zoac.tasks.mpc_tracking.figures import draw
         from zoac.tasks.rendering import frame
 
         states, steering = self.arrays["state"][env_index][None], self.arrays["input"][env_index, 0]
-        return frame(lambda axes: draw_states(axes, states, float(steering)))
+        return frame(lambda axes: draw(axes, states, float(steering)))
 
 
 def random_start(rng: np.random.Generator) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,12 +26,8 @@ def prediction_error(segment: Segment) -> np.ndarray:
     return 0.5 * np.square(error).sum(axis=1)
 
 
-def _failed(segment: Segment) -> np.ndarray:
-    return segment.diagnostics["solver_failed"].astype(np.float64)
-
-
-def _retried(segment: Segment) -> np.ndarray:
-    return segment.diagnostics["solver_retried"].astype(np.float64)
+def _diagnostic(name: str, segment: Segment) -> np.ndarray:
+    return segment.diagnostics[name].astype(np.float64)
 
 
 class MpcTracking(Task):
@@ -40,8 +37,8 @@ class MpcTracking(Task):
     baseline = NOMINAL
     metrics = (
         Metric("prediction_error", prediction_error),
-        Metric("solver_failures", _failed, "sum"),
-        Metric("solver_retries", _retried, "sum"),
+        Metric("solver_failures", partial(_diagnostic, "solver_failed"), "sum"),
+        Metric("solver_retries", partial(_diagnostic, "solver_retried"), "sum"),
     )
 
     def __init__(
@@ -87,13 +84,14 @@ class MpcTracking(Task):
 
     def traces(self, segment: Segment) -> list[Trace]:
         """Return what Fig. 6 shows."""
-        from zoac.tasks.mpc_tracking import figures
+        from zoac.tasks.mpc_tracking.figures import traces
 
-        return figures.traces(segment)
+        return traces(segment)
 
     def draw(self, axes: Axes, segment: Segment, step: int) -> bool:
         """Draw the vehicle on its path."""
-        from zoac.tasks.mpc_tracking import figures
+        from zoac.tasks.mpc_tracking.figures import draw
 
-        figures.draw(axes, segment, step)
+        steering = float(segment.actions[max(step - 1, 0), 0])
+        draw(axes, segment.observations[: step + 1, :6], steering)
         return True

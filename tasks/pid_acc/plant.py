@@ -56,10 +56,9 @@ class PidAccVecEnv(ArrayVecEnv):
                 own bounds only (the authors' code). A saturated u hides the cost of the first two.
             max_episode_steps: Time limit.
         """
-        unbounded = np.full(10, np.inf)
         super().__init__(
             num_envs,
-            Box(-unbounded, unbounded, dtype=np.float64),
+            Box(-np.inf, np.inf, (10,), dtype=np.float64),
             Box(np.array([U_LOW]), np.array([U_HIGH]), dtype=np.float64),
             max_episode_steps,
             render_mode,
@@ -105,10 +104,10 @@ class PidAccVecEnv(ArrayVecEnv):
 
     def _frame(self, env_index: int) -> np.ndarray:
         # Loads matplotlib, which tuning does not need.
-        from zoac.tasks.rendering import draw_following, frame
+        from zoac.tasks.pid_acc.figures import draw
+        from zoac.tasks.rendering import frame
 
-        dd, dv, af, u = (float(value) for value in self._history[env_index, [0, 1, 2, 9]])
-        return frame(lambda axes: draw_following(axes, dd, dv, af, u, MAX_CLEARANCE_ERROR))
+        return frame(lambda axes: draw(axes, self._history[env_index]))
 
 
 @compiled()
@@ -149,12 +148,8 @@ def _advance_envs(
 
 def demonstration_profile(steps: int) -> np.ndarray:
     """Return the preceding car's acceleration [m/s^2] of Fig. 5, shape (steps,)."""
-    profile = np.zeros(steps)
-    first = 0
-    for last, acceleration in DEMONSTRATION:
-        profile[first : last + 1] = acceleration
-        first = last + 1
-    return profile
+    lasts, accelerations = zip(*DEMONSTRATION, strict=True)
+    return np.array([*accelerations, 0.0])[np.searchsorted(lasts, np.arange(steps))]
 
 
 def make_single(render_mode: str | None = None, **options: Any) -> SingleEnv:

@@ -1,20 +1,42 @@
-"""Task `pid_acc`: tune a PID for adaptive cruise control."""
+"""Task `pid_acc`: tune an incremental PID for adaptive cruise control."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from zoac.core.controller import Controller, Diagnostics, Memory, Parameters
 from zoac.core.measures import Trace
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.segments import Segment
 from zoac.core.types import Count, NonNegative
 from zoac.rollout.task import Task
 from zoac.specs.signals import observation
-from zoac.tasks.pid_acc.pid import IncrementalPid
 from zoac.tasks.pid_acc.plant import SAMPLE_TIME, Jerk, PidAccVecEnv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+class IncrementalPid(Controller):
+    """Eq. (13): du = Kp (e_t - e_{t-1}) + Ki e_t + Kd (e_t - 2 e_{t-1} + e_{t-2}), e = k dd + dv.
+
+    Remembers nothing: the observation carries x_t, x_{t-1} and x_{t-2}.
+    """
+
+    def act(
+        self, params: Parameters, obs: np.ndarray, memory: Memory
+    ) -> tuple[np.ndarray, Memory, Diagnostics]:
+        """Return the increments du (n, 1) [m/s^2] for observations (n, 10)."""
+        # (3, n): clearance and speed errors now, one and two steps ago.
+        columns = obs.T
+        e = params["k"] * columns[0:9:3] + columns[1:9:3]
+        change = e[0] - e[1]
+        du = params["Kp"] * change
+        du += params["Ki"] * e[0]
+        du += params["Kd"] * (change - (e[1] - e[2]))
+        return du[:, None], memory, {}
 
 
 class PidAcc(Task):
@@ -70,7 +92,7 @@ class PidAcc(Task):
 
     def draw(self, axes: Axes, segment: Segment, step: int) -> bool:
         """Draw the two cars."""
-        from zoac.tasks.pid_acc import figures
+        from zoac.tasks.pid_acc.figures import draw
 
-        figures.draw(axes, segment, step)
+        draw(axes, segment.observations[step])
         return True

@@ -8,12 +8,12 @@ import pytest
 import zoac
 from tests.analysis.folders import GAINS
 from zoac.analysis.data import replay
-from zoac.tasks import rendering
+from zoac.tasks.mpc_tracking import figures as tracking_figures
+from zoac.tasks.mpc_tracking import path
 from zoac.tasks.pid_acc import PidAcc
+from zoac.tasks.pid_acc import figures as following_figures
 from zoac.tasks.pid_acc.plant import demonstration_profile
-from zoac.tasks.rendering import draw_following, draw_tracking, frame
-
-PATH = np.stack([np.linspace(-100, 200, 50), np.zeros(50)], axis=1)
+from zoac.tasks.rendering import OTHER, frame
 
 
 def middle_of(picture: np.ndarray, colour: str) -> np.ndarray:
@@ -23,13 +23,16 @@ def middle_of(picture: np.ndarray, colour: str) -> np.ndarray:
 
 
 def following(clearance_error: float) -> np.ndarray:
-    return frame(lambda axes: draw_following(axes, clearance_error, 0.1, 0.0, 0.0))
+    observation = np.zeros(10)
+    observation[:2] = clearance_error, 0.1
+    return frame(lambda axes: following_figures.draw(axes, observation))
 
 
-def tracking(y: float, phi: float = 0.0) -> np.ndarray:
-    state = np.array([5.0, y, phi, 18.0, 0.0, 0.0])
-    nowhere = np.empty((0, 2))
-    return frame(lambda axes: draw_tracking(axes, state, 0.0, PATH, nowhere))
+def tracking(off: float, turned: float = 0.0) -> np.ndarray:
+    x = 5.0
+    y, phi = path.lateral(x) + off, path.heading(x) + turned
+    states = np.array([[x, y, phi, 18.0, 0.0, 0.0]])
+    return frame(lambda axes: tracking_figures.draw(axes, states, 0.0))
 
 
 def test_a_picture_is_rgb_and_depends_on_nothing_but_its_state() -> None:
@@ -39,16 +42,16 @@ def test_a_picture_is_rgb_and_depends_on_nothing_but_its_state() -> None:
 
 
 def test_the_preceding_car_stands_where_the_clearance_error_says() -> None:
-    near, far = (middle_of(following(dd), rendering.OTHER)[1] for dd in (-2.0, 3.0))
+    near, far = (middle_of(following(dd), OTHER)[1] for dd in (-2.0, 3.0))
     dots_per_metre = 640 / 34  # 34 m across
     assert far - near == pytest.approx(5.0 * dots_per_metre, abs=1.5)
 
 
 def test_the_path_lies_to_the_left_of_a_car_right_of_it() -> None:
     rows = []
-    for y in (-2.0, 2.0):
-        picture = tracking(y).astype(int)
-        orange = picture[..., 0] - picture[..., 2] > 80
+    for off in (-2.0, 2.0):
+        picture = tracking(off).astype(int)
+        orange = picture[:, 200:240, 0] - picture[:, 200:240, 2] > 80  # just ahead of the car
         rows.append(np.argwhere(orange)[:, 0].mean())
     assert rows[0] < 120 < rows[1]
 

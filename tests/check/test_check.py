@@ -11,7 +11,7 @@ from zoac import check
 from zoac.check import environment
 from zoac.check.__main__ import main
 from zoac.core.parameters import Parameter, ParameterSpace
-from zoac.tasks.user_task import UserTask, user_task
+from zoac.tasks.user_task import user_task
 
 
 def act(params, obs):
@@ -37,7 +37,8 @@ class Skewed(ParameterSpace):
 
 
 def test_a_transform_that_does_not_come_back_is_named():
-    skewed = UserTask(Drift, act, Skewed([Parameter("k", 0, 1), Parameter("bias", -1, 1)]))
+    space = Skewed([Parameter("k", 0, 1), Parameter("bias", -1, 1)])
+    skewed = user_task(env=Drift, controller=act, space=space)
     good, text = check.round_trip(skewed)
     assert not good
     assert "comes back" in text

@@ -16,7 +16,7 @@ from zoac.envs.gymnasium_adapter import GymnasiumVecEnv
 from zoac.envs.single_env import env_action
 from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.user_space import parse_space
-from zoac.tasks.user_task import UserTask, user_task
+from zoac.tasks.user_task import user_task
 
 
 class Drift(gymnasium.Env):
@@ -51,7 +51,8 @@ SPACE, _, _ = parse_space({"k": (0.0, 1.0)})
 
 
 def make_group(env_indices, controller=None, **options):
-    task = UserTask(Drift, controller or Integrator(), SPACE, max_episode_steps=9, **options)
+    given = {"env": Drift, "controller": controller or Integrator(), "space": SPACE, **options}
+    task = user_task(max_episode_steps=9, **given)
     return RolloutEngine(task, env_indices, [100 + env_index for env_index in env_indices])
 
 
@@ -139,7 +140,8 @@ def test_fixed_parameters_reach_the_controller():
         seen.update(params)
         return 0.0
 
-    make_group([0], act, fixed={"bias": 2.5}).rollout(plan([0], horizon=1))
+    space = {"k": (0.0, 1.0), "bias": 2.5}
+    make_group([0], act, space=space).rollout(plan([0], horizon=1))
     assert seen == {"k": pytest.approx(0.55), "bias": 2.5}
 
 

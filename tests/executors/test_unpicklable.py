@@ -11,11 +11,10 @@ from gymnasium.wrappers import TransformReward
 import zoac
 from tests.envs.test_adapters import Drift
 from tests.rollout.test_probe import Rebuilt
-from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.segments import Proposal
 from zoac.rollout.engine import RolloutEngine
 from zoac.runs import checkpoint
-from zoac.tasks.user_task import UserTask
+from zoac.tasks.user_task import user_task
 from zoac.training.trainer import Trainer
 
 
@@ -169,8 +168,8 @@ def test_an_environment_that_cannot_even_be_copied_is_tuned(tmp_path, tuner):
 
 
 def test_after_a_seeded_run_its_environment_begins_an_episode_of_its_own():
-    space = ParameterSpace([Parameter("k", 0.0, 2.0)])
-    task = UserTask(Bolted, proportional, space, max_episode_steps=10)
+    space = {"k": (0.0, 2.0)}
+    task = user_task(env=Bolted, controller=proportional, space=space, max_episode_steps=10)
     x = np.zeros(1)
 
     def after(seed):

@@ -22,8 +22,8 @@ class Controller(Protocol):
     """
 
     def init(self, n: int) -> Memory:
-        """Return the memory of `n` controllers at the start of an episode, or `{}`."""
-        ...
+        """Return the memory of `n` controllers at the start of an episode; by default none."""
+        return {}
 
     def act(
         self, params: Parameters, obs: np.ndarray, memory: Memory
