@@ -25,8 +25,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from zoac.analysis.data.fairness import refuse_mixed
-from zoac.analysis.data.runs import Run, by_method
+from zoac.analysis.data.fairness import unmixed
+from zoac.analysis.data.runs import Run
 from zoac.core.errors import RunFolderError
 from zoac.runs.schema import config_hash
 
@@ -162,8 +162,7 @@ def methods_json(runs: Iterable[Run]) -> str:
         RunFolderError: If seeds of a method differ in their configuration.
     """
     lines = []
-    for group in by_method(runs).values():
-        refuse_mixed(group)
+    for group in unmixed(runs).values():
         record = {k: v for k, v in group[0].identity.items() if k not in OF_ONE_RUN}
         config = {k: v for k, v in record["config"].items() if k not in OF_ONE_LAUNCH}
         lines.append(json.dumps(record | {"config": config}))
@@ -192,11 +191,6 @@ def _cell(column: str, value: Any, number: Callable[[Any], str]) -> str:
         parts = ((part, len(list(same))) for part, same in groupby(map(number, value)))
         return " ".join(part if times == 1 else f"{part}{TIMES}{times}" for part, times in parts)
     return number(value)
-
-
-def is_compact(folder: Path) -> bool:
-    """Tell whether `folder` holds runs in this form."""
-    return (folder / RUNS).is_file()
 
 
 def read(folder: Path) -> list[Run]:

@@ -8,9 +8,8 @@ four methods the interval stands right of the curves, at the end alone.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import count
 from typing import Any
 
 import numpy as np
@@ -18,12 +17,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from zoac.analysis.data import cli
-from zoac.analysis.data.fairness import refuse_mixed, refuse_unequal
+from zoac.analysis.data.fairness import refuse_unequal, unmixed
 from zoac.analysis.data.frames import numbers
-from zoac.analysis.data.runs import Collection, Method, Run, by_method
+from zoac.analysis.data.runs import Collection, Method, Run
 from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import METRICS, TASKS, family, method_labels, tuner_names
-from zoac.analysis.statistics.stats import Scores, interquartile_mean, mean, step_value, summarise
+from zoac.analysis.statistics.stats import Scores, interquartile_mean, mean, summarise
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.seeding import stream
 
@@ -117,20 +116,16 @@ def all_panels(
     panels = []
     # PID-ACC comes first, as in the paper.
     for base in sorted({family(run.method.task)[0] for run in runs}, key=_place):
-        groups = by_method(run for run in runs if run.method.task in family(base))
-        for group in groups.values():
-            refuse_mixed(group)
-        refuse_unequal([group[0] for group in groups.values()])
-        logged = _logged(run for group in groups.values() for run in group)
+        of_task = [run for run in runs if run.method.task in family(base)]
+        groups = unmixed(of_task).values()
+        refuse_unequal([group[0] for group in groups])
+        evaluations = [r for run in of_task for r in run.metrics if r["kind"] == "eval"]
+        episodes = min(len(r["cost_per_episode"]) for r in evaluations)
+        studies = all("study" in run.identity for run in of_task)
         for name in [metric] if metric else ["cost_mean", "prediction_error"]:
-            if name in logged:
-                episodes = min(map(_min_episodes, (r for g in groups.values() for r in g)))
-                curves = (
-                    _curve(g, [series(run, name, against, episodes) for run in g], name, statistic)
-                    for g in groups.values()
-                )
+            if name in _logged(of_task):
+                curves = (_curve(group, name, against, episodes, statistic) for group in groups)
                 drawn = tuple(c for c in curves if c is not None)
-                studies = all("study" in run.identity for g in groups.values() for run in g)
                 panels.append(Panel(base, name, drawn, tuner_names(runs), studies, episodes))
     if not panels:
         raise ConfigError(f"no run logged {metric!r}; {suggest(str(metric), _logged(runs))}")
@@ -139,20 +134,15 @@ def all_panels(
 
 def draw(panels: Sequence[Panel], against: str) -> Figure:
     """Return a figure with the panels side by side and one legend above them."""
-    width = style.COLUMN if len(panels) == 1 else style.PAGE
-    rows = -(-len(panels) // 3)
-    figure = Figure(figsize=(width, 2.3 * rows + 0.1), layout="constrained")
-    grid = figure.subplots(rows, min(3, len(panels)), squeeze=False)
-    methods = sorted({c.method for p in panels for c in p.curves}, key=_prominence)
+    figure, grid = style.panels(len(panels), min(3, len(panels)), 2.3, 0.1)
+    methods = sorted({c.method for p in panels for c in p.curves}, key=lambda m: m.rank)
     looks, labels = style.looks(methods), method_labels(methods, panels[0].names)
     shown: dict[str, Any] = {}
-    for letter, panel, axes in zip(count(), panels, grid.flat, strict=False):
+    for k, (panel, axes) in enumerate(zip(panels, grid, strict=True)):
         draw_panel(axes, panel, looks, labels, against)
         title = TASKS.get(panel.task, panel.task)
-        axes.set_title(f"({chr(ord('a') + letter)}) {title}" if len(panels) > 1 else title)
+        axes.set_title(f"({chr(ord('a') + k)}) {title}" if len(panels) > 1 else title)
         shown |= style.entries(axes)
-    for axes in grid.flat[len(panels) :]:
-        axes.remove()
     style.legend_above(figure, {labels[m]: shown[labels[m]] for m in methods})
     return figure
 
@@ -167,7 +157,7 @@ def draw_panel(
     """Draw one panel's curves into `axes`."""
     several = sum(len(curve.x) > 1 for curve in panel.curves) > MAX_BANDS
     end = max(curve.x[-1] for curve in panel.curves)
-    for k, curve in enumerate(sorted(panel.curves, key=lambda c: _prominence(c.method))):
+    for k, curve in enumerate(sorted(panel.curves, key=lambda c: c.method.rank)):
         look, label = looks[curve.method], labels[curve.method]
         if len(curve.x) == 1:
             axes.axhline(
@@ -218,28 +208,23 @@ def series(run: Run, metric: str, against: str, episodes: int) -> tuple[np.ndarr
     return np.array([r[against] for r in rows], float), np.array(values, float)
 
 
-def _min_episodes(run: Run) -> int:
-    return min(len(r["cost_per_episode"]) for r in run.metrics if r["kind"] == "eval")
-
-
 def _curve(
-    runs: Sequence[Run],
-    tracks: Sequence[tuple[np.ndarray, np.ndarray]],
-    metric: str,
-    statistic: str,
+    runs: Sequence[Run], metric: str, against: str, episodes: int, statistic: str
 ) -> Curve | None:
+    """Return the curve of a method over its seeds; None if one of them logged nothing."""
+    tracks = [series(run, metric, against, episodes) for run in runs]
     if not all(len(x) for x, _ in tracks):
         return None
-    first, last = max(x[0] for x, _ in tracks), min(x[-1] for x, _ in tracks)
     method, tuned = runs[0].method, runs[0].tuned
-    if not tuned:
-        x = np.zeros(1)
-        values = np.array([[y[-1]] for _, y in tracks])
-    else:
+    if tuned:
+        first, last = max(x[0] for x, _ in tracks), min(x[-1] for x, _ in tracks)
         x = np.unique(np.concatenate([t for t, _ in tracks]).clip(first, last))
         if len(x) > MAX_POINTS:
             x = np.linspace(first, last, MAX_POINTS)
-        values = np.array([[step_value(t, y, at) for at in x] for t, y in tracks])
+        # Between two evaluations the earlier one counts.
+        values = np.array([y[np.searchsorted(t, x, side="right") - 1] for t, y in tracks])
+    else:
+        x, values = np.zeros(1), np.array([[y[-1]] for _, y in tracks])
     chosen = STATISTICS[statistic]
     centre, low, high = chosen(values.T), values.min(axis=0), values.max(axis=0)
     for k in range(len(x)):
@@ -254,23 +239,13 @@ def _curve(
     return Curve(method, x, centre, low, high)
 
 
-def _logged(runs: Any) -> set[str]:
+def _logged(runs: Iterable[Run]) -> set[str]:
     return {name for run in runs for row in run.metrics for name in numbers(row)} - set(AXES)
 
 
 def _place(task: str) -> tuple[int, str]:
     known = list(TASKS)
     return (known.index(task) if task in known else len(known)), task
-
-
-def _prominence(method: Method) -> tuple[bool, bool, str, str, str]:
-    return (
-        method.tuner == "nominal",
-        method.tuner != "zoac",
-        method.tuner,
-        method.task,
-        method.variant or "",
-    )
 
 
 if __name__ == "__main__":

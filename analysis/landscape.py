@@ -81,10 +81,9 @@ def sliced(task: Task, run: Run, names: Sequence[str], points: int, episodes: in
     for name in names:
         if name not in _numbers(space):
             raise ConfigError(f"unknown parameter {name!r}; {suggest(name, _numbers(space))}")
-    centre = space.normalise(run.outcome["parameters"])
-    grid = np.repeat(centre[None, None], points, axis=1).repeat(len(names), axis=0)
-    for k, column in enumerate(space.coordinates.index(name) for name in names):
-        grid[k, :, column] = np.linspace(-1.0, 1.0, points)
+    grid = np.tile(space.normalise(run.outcome["parameters"]), (len(names), points, 1))
+    for k, name in enumerate(names):
+        grid[k, :, space.coordinates.index(name)] = np.linspace(-1.0, 1.0, points)
     seed = int(run.config["evaluation"]["seed"])
     print(f"rolling out {len(names) * points * episodes} episodes", file=sys.stderr)
     costs = replay.costs(task, grid.reshape(-1, space.dimension), episodes, seed)
@@ -103,32 +102,29 @@ def _numbers(space: ParameterSpace) -> list[str]:
 def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> Figure:
     """Return a figure with two panels per parameter on one axis: evolution and cost."""
     pairs = min(2 if len(slices) <= 4 else 3, len(slices))
-    rows = -(-len(slices) // pairs)
-    width = style.COLUMN if pairs == 1 else style.PAGE
-    figure = Figure(figsize=(width, 1.5 * rows + 0.3), layout="constrained")
-    grid = figure.subplots(
-        rows, 2 * pairs, squeeze=False, width_ratios=[1.6, 1.0] * pairs, sharey=False
-    )
+    ratios = [1.6, 1.0] * pairs
+    figure, grid = style.panels(2 * len(slices), 2 * pairs, 1.5, 0.3, width_ratios=ratios)
+    if pairs == 1:
+        figure.set_figwidth(style.COLUMN)
     entries: dict[str, Artist] = {}
-    for k, (evolution, cost) in enumerate(grid.reshape(rows * pairs, 2)):
-        if k >= len(slices):
-            evolution.remove()
-            cost.remove()
-            continue
+    for k, part in enumerate(slices):
+        evolution, cost = grid[2 * k : 2 * k + 2]
         cost.sharey(evolution)
-        bottom = k + pairs >= len(slices)
-        entries |= _draw_evolution(evolution, runs, slices[k].parameter, bottom)
-        entries |= _draw_cost(cost, slices[k], bottom)
+        _draw_evolution(evolution, runs, part.parameter)
+        _draw_cost(cost, part)
+        if k + pairs >= len(slices):
+            style.big_axis(evolution, "Steps")
+            cost.set_xlabel("Cost")
+        else:
+            evolution.tick_params(labelbottom=False)
+        entries |= style.entries(evolution) | style.entries(cost)
     style.legend_above(figure, entries)
     return figure
 
 
-def _draw_evolution(
-    axes: Axes, runs: Sequence[Run], parameter: Parameter, bottom: bool
-) -> dict[str, Artist]:
-    """Draw a parameter of each seed, the median one on top; return legend entries."""
+def _draw_evolution(axes: Axes, runs: Sequence[Run], parameter: Parameter) -> None:
+    """Draw a parameter of each seed, the median one on top."""
     look, median = style.looks([runs[0].method])[runs[0].method], median_run(runs)
-    entries: dict[str, Artist] = {}
     for run in sorted(runs, key=lambda run: run is median):
         # The compact format keeps only the final parameters, unless it was told otherwise.
         rows = [row for row in run.metrics if row["kind"] == "eval" and "parameters" in row]
@@ -137,33 +133,28 @@ def _draw_evolution(
         other = run is not median
         label = "Other seeds" if other else f"Seed {run.seed}, median cost"
         colour, width = (style.GREY, 0.6) if other else (look.colour, 1.4)
-        (entries[label],) = axes.plot(steps, values, color=colour, linewidth=width)
+        axes.plot(steps, values, color=colour, linewidth=width, label=label)
         axes.plot(steps[-1:], values[-1:], "o", color=colour, markersize=2.4, clip_on=False)
     nominal = (runs[0].identity["nominal"] or {}).get(parameter.name)
     if nominal is not None:
         line = {"color": style.NOMINAL.colour, "linestyle": style.NOMINAL.dashes}
-        entries["Baseline"] = axes.axhline(nominal, linewidth=0.9, **line)
+        axes.axhline(nominal, linewidth=0.9, label="Baseline", **line)
     if parameter.scale == "log" and parameter.low > 0:
         axes.set_yscale("log")
     axes.set_ylim(parameter.low, parameter.high)
     axes.set_ylabel(unit_label(parameter.name, parameter.unit))
-    axes.tick_params(labelbottom=bottom)
-    if bottom:
-        style.big_axis(axes, "Steps")
-    return entries
 
 
-def _draw_cost(axes: Axes, part: Slice, bottom: bool) -> dict[str, Artist]:
-    """Draw the cost along a parameter, its band and its least value; return legend entries."""
+def _draw_cost(axes: Axes, part: Slice) -> None:
+    """Draw the cost along a parameter, its band and its least value."""
     mean = part.costs.mean(axis=1)
     best = int(mean.argmin())
-    (line,) = axes.plot(mean, part.values, color=style.INK, linewidth=1.1)
-    band = axes.fill_betweenx(
-        part.values, *np.quantile(part.costs, [0.1, 0.9], axis=1), color="#d4d4d4", lw=0
-    )
-    (least,) = axes.plot(
-        mean[best], part.values[best], "*", color=style.LOOKS["bo"].colour, ms=6, zorder=5
-    )
+    axes.plot(mean, part.values, color=style.INK, linewidth=1.1, label="Mean cost")
+    low, high = np.quantile(part.costs, [0.1, 0.9], axis=1)
+    told = "10% to 90% of the episodes"
+    axes.fill_betweenx(part.values, low, high, color="#d4d4d4", lw=0, label=told)
+    axes.plot(mean[best], part.values[best], "*", color=style.LOOKS["bo"].colour, ms=6, zorder=5,
+              label="Least mean cost")  # fmt: skip
     if mean.min() > 0 and mean.max() > 20 * mean.min():
         axes.set_xscale("log")
     else:
@@ -173,8 +164,6 @@ def _draw_cost(axes: Axes, part: Slice, bottom: bool) -> dict[str, Artist]:
         axes.xaxis.set_major_locator(MaxNLocator(2))
         axes.ticklabel_format(axis="x", useOffset=False)
     axes.tick_params(labelleft=False)
-    axes.set_xlabel("Cost" if bottom else "")
-    return {"Mean cost": line, "10% to 90% of the episodes": band, "Least mean cost": least}
 
 
 if __name__ == "__main__":

@@ -9,13 +9,12 @@ What may vary is every number among the task's options in `run.json`; of a Gymna
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import math
 import sys
 from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -33,7 +32,6 @@ from zoac.analysis.data.plants import (
 from zoac.analysis.data.runs import Run
 from zoac.analysis.data.selection import chosen
 from zoac.analysis.figures import style
-from zoac.analysis.figures.labels import unit_label
 from zoac.analysis.pages.formatting import pipes, signed, significant
 from zoac.core.errors import ConfigError
 
@@ -88,10 +86,10 @@ def _parsed(text: str) -> tuple[str, tuple[float, float]]:
     return name, (low, high)
 
 
-def tail_risk(costs: np.ndarray, fraction: float = TAIL) -> float:
-    """Return the mean of the costliest `fraction` of costs, at least one (CVaR)."""
+def tail_risk(costs: np.ndarray) -> float:
+    """Return the mean of the costliest `TAIL` of costs, at least one (CVaR)."""
     ordered = np.sort(np.ravel(costs))[::-1]
-    return float(ordered[: max(1, round(fraction * len(ordered)))].mean())
+    return float(ordered[: max(1, round(TAIL * len(ordered)))].mean())
 
 
 def summary(varied: Variation) -> list[list[str]]:
@@ -116,12 +114,9 @@ def markdown(run: Run, varied: Variation | None, around: Sequence[Sensitivity]) 
     """Return both tables as Markdown."""
     parts = [f"# Robustness of {run.method}, seed {run.seed}"]
     if varied is not None:
-        plants, episodes = next(iter(varied.costs.values())).shape
-        ranges = ", ".join(
-            f"{name} in [{low:g}, {high:g}]" for name, (low, high) in varied.ranges.items()
-        )
+        plants, episodes = varied.size
         parts += [
-            f"Cost over {plants - 1} plants of {episodes} episodes each: {ranges}.",
+            f"Cost over {plants} plants of {episodes} episodes each: {varied}.",
             pipes(summary(varied)),
         ]
     parts += [f"Change of the mean cost with one parameter moved by {STEP / 2:.0%} of its range:"]
@@ -130,21 +125,24 @@ def markdown(run: Run, varied: Variation | None, around: Sequence[Sensitivity]) 
 
 def table(varied: Variation | None, around: Sequence[Sensitivity]) -> str:
     """Return every number at full precision, one row per controller and plant or parameter."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    names = [] if varied is None else list(varied.plants)
-    writer.writerow(["kind", "name", "plant", *names, "cost_mean", "cost_tail", "cost_worst"])
-    if varied is not None:
-        for controller, costs in varied.costs.items():
-            for k, row in enumerate(costs):
-                plant = [repr(float(drawn[k])) for drawn in varied.plants.values()]
-                values = (row.mean(), tail_risk(row), row.max())
-                writer.writerow(["plant", controller, k, *plant, *(repr(float(v)) for v in values)])
-    gaps = [""] * (len(names) + 1)
-    for s in around:
-        for direction, value in (("below", s.below), ("above", s.above)):
-            writer.writerow([direction, s.name, *gaps, repr(value), "", ""])
-    return out.getvalue()
+    plants = {} if varied is None else varied.plants
+    rows = [
+        {
+            "kind": "plant", "name": controller, "plant": k,
+            **{name: values[k] for name, values in plants.items()},
+            "cost_mean": costs.mean(), "cost_tail": tail_risk(costs), "cost_worst": costs.max(),
+        }
+        for controller, table in (varied.costs.items() if varied is not None else ())
+        for k, costs in enumerate(table)
+    ]  # fmt: skip
+    rows += [
+        {"kind": direction, "name": s.name, "cost_mean": getattr(s, direction)}
+        for s in around
+        for direction in ("below", "above")
+    ]
+    columns = ["kind", "name", "plant", *plants, "cost_mean", "cost_tail", "cost_worst"]
+    frame = pd.DataFrame(rows, columns=columns).astype({"plant": "Int64"})
+    return frame.to_csv(index=False, lineterminator="\n")
 
 
 def draw(varied: Variation | None, around: Sequence[Sensitivity]) -> Figure:
@@ -169,7 +167,7 @@ def draw_costs(axes: Axes, varied: Variation, name: str) -> None:
         axes.plot(x, costs.mean(axis=1), marker, color=look.colour, label=f"{controller}, mean")
         axes.plot(x, costs.max(axis=1), marker, color=look.colour, mfc="none", mew=0.6, alpha=0.7,
                   label=f"{controller}, worst")  # fmt: skip
-    axes.set_xlabel(unit_label(name, ""))
+    axes.set_xlabel(name)
     axes.set_ylabel("Cost")
 
 

@@ -22,18 +22,16 @@ from zoac.analysis.pages.formatting import (
     plus_minus,
     without_empty_columns,
 )
-from zoac.analysis.statistics.comparison import TABLE2, Comparison, compare
+from zoac.analysis.statistics.comparison import TABLE2, Comparison, Summary, compare
 from zoac.analysis.statistics.stats import MeanStd
-from zoac.analysis.statistics.summaries import Summary
-from zoac.core.errors import ConfigError
 
 
 class PaperRow(NamedTuple):
-    """One row of Table II as printed: (mean, standard deviation) each, or None."""
+    """One row of Table II as printed."""
 
-    cost: MeanStd
-    prediction_error: MeanStd
-    seconds: MeanStd | None
+    cost: MeanStd | None = None
+    prediction_error: MeanStd | None = None
+    seconds: MeanStd | None = None
 
 
 NO_STD = float("nan")
@@ -50,7 +48,7 @@ PAPER = {
     ("mpc_tracking", "cmaes"): PaperRow(
         MeanStd(185.0, 184.6), MeanStd(4.4e-4, 2.9e-4), MeanStd(2.6e4, 0.1e4)
     ),
-    ("mpc_tracking", "nominal"): PaperRow(MeanStd(37.16, NO_STD), MeanStd(0.0, NO_STD), None),
+    ("mpc_tracking", "nominal"): PaperRow(MeanStd(37.16, NO_STD), MeanStd(0.0, NO_STD)),
 }
 
 COLUMNS = (
@@ -105,15 +103,9 @@ def _command(options: argparse.Namespace) -> None:
 
 
 def _default_task(collection: Collection) -> str:
-    """Return the task of Table II, or the only one of the finished runs.
-
-    Raises:
-        ConfigError: If there are several others.
-    """
-    found = sorted({family(run.method.task)[0] for run in collection.some_finished()})
-    if TABLE2[0].task in found or len(found) == 1:
-        return TABLE2[0].task if TABLE2[0].task in found else found[0]
-    raise ConfigError(f"runs of several tasks; choose with --task: {', '.join(found)}")
+    """Return the task of Table II, or the only one of the finished runs."""
+    found = {family(run.method.task)[0] for run in collection.some_finished()}
+    return TABLE2[0].task if TABLE2[0].task in found else cli.only_task(found)
 
 
 def markdown(comparison: Comparison) -> str:
@@ -171,26 +163,30 @@ def main_cells(comparison: Comparison) -> list[list[str]]:
     return without_empty_columns([COLUMNS, *map(_cells, comparison.summaries)])
 
 
+def _paper(s: Summary) -> PaperRow:
+    return PAPER.get((s.method.task, s.method.tuner), PaperRow())
+
+
 def _cells(s: Summary) -> list[str]:
-    paper = PAPER.get((s.method.task, s.method.tuner))
+    paper, means = _paper(s), s.means
     wanted = len(s.seeds) + len(s.missing)
     return [
         s.label,
         f"{len(s.seeds)} of {wanted}" if s.missing else str(len(s.seeds)),
-        plus_minus(s.cost_std),
-        plus_minus(paper.cost if paper else None),
-        plus_minus(s.prediction_error),
-        plus_minus(paper.prediction_error if paper else None),
-        plus_minus(s.violations),
-        plus_minus(s.wall_seconds if s.tuned else None),
-        plus_minus(s.compute_seconds if s.tuned else None),
-        plus_minus(paper.seconds if paper else None),
+        plus_minus(means["cost"]),
+        plus_minus(paper.cost),
+        plus_minus(means["prediction_error"]),
+        plus_minus(paper.prediction_error),
+        plus_minus(means["violations"]),
+        plus_minus(means["wall_seconds"] if s.tuned else None),
+        plus_minus(means["compute_seconds"] if s.tuned else None),
+        plus_minus(paper.seconds),
     ]
 
 
 def _statistics_cells(s: Summary) -> list[str]:
     cells = [s.label]
-    for interval in (s.cost, s.iqm, s.minus_nominal):
+    for interval in s.intervals.values():
         cells += [NOTHING if interval is None else number(interval.estimate), bounds(interval)]
     return cells
 
@@ -202,23 +198,12 @@ def _record(s: Summary) -> dict[str, Any]:
         "seeds": " ".join(map(str, s.seeds)),
         "missing_seeds": " ".join(map(str, s.missing)),
     }
-    for name, interval in (("cost", s.cost), ("iqm", s.iqm), ("minus_nominal", s.minus_nominal)):
-        record[name] = interval.estimate if interval else None
-        record[f"{name}_low"] = interval.low if interval else None
-        record[f"{name}_high"] = interval.high if interval else None
-    paper = PAPER.get((s.method.task, s.method.tuner))
-    for name, value in (
-        ("cost", s.cost_std),
-        ("prediction_error", s.prediction_error),
-        ("violations", s.violations),
-        ("wall_seconds", s.wall_seconds),
-        ("compute_seconds", s.compute_seconds),
-        ("paper_cost", paper and paper.cost),
-        ("paper_prediction_error", paper and paper.prediction_error),
-        ("paper_seconds", paper and paper.seconds),
-    ):
-        record[f"{name}_mean"] = value.mean if value else None
-        record[f"{name}_std"] = value.std if value else None
+    for name, interval in s.intervals.items():
+        keys = name, f"{name}_low", f"{name}_high"
+        record |= zip(keys, interval or (None, None, None), strict=True)
+    printed = {f"paper_{name}": value for name, value in _paper(s)._asdict().items()}
+    for name, value in {**s.means, **printed}.items():
+        record |= zip((f"{name}_mean", f"{name}_std"), value or (None, None), strict=True)
     return record
 
 

@@ -9,12 +9,14 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from zoac.analysis.data import cli, replay
 from zoac.analysis.data.baseline import Before, before
@@ -39,11 +41,17 @@ MIN_SWING = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """One controller's demonstration episode."""
+    """One controller's demonstration episode, and what figures show of it."""
 
     label: str
     look: style.Look
     segment: Segment
+    traces: list[Trace]
+
+    @cached_property
+    def cycle(self) -> Cycle | None:
+        """Its limit cycle, if it is in one."""
+        return limit_cycle(self.traces)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -80,7 +88,7 @@ def loops_of(task: Task, runs: Sequence[Run]) -> list[Loop]:
     labels, looks = method_labels(methods, tuner_names(runs)), style.looks(methods)
     segments = replay.demonstrate(task, [run.outcome["parameters"] for run in runs])
     return [
-        Loop(labels[run.method], looks[run.method], segment)
+        Loop(labels[run.method], looks[run.method], segment, task.traces(segment))
         for run, segment in zip(runs, segments, strict=True)
     ]
 
@@ -99,24 +107,22 @@ def before_and_after(task: Task, run: Run, compared: Before | None = None) -> li
         controllers = {"Before": compared.parameters, **controllers}
     looks = {"Before": style.BEFORE, "After": style.AFTER}
     segments = replay.demonstrate(task, list(controllers.values()))
-    return [Loop(name, looks[name], s) for name, s in zip(controllers, segments, strict=True)]
+    return [
+        Loop(name, looks[name], segment, task.traces(segment))
+        for name, segment in zip(controllers, segments, strict=True)
+    ]
 
 
-def draw(task: Task, loops: Sequence[Loop], title: str, columns: int = 3) -> Figure:
+def draw(task: Task, loops: Sequence[Loop], title: str) -> Figure:
     """Return a figure with one panel per trace and one line per loop."""
-    traces = task.traces(loops[0].segment)
-    columns = 2 if len(traces) in (2, 4) else min(columns, len(traces))
-    rows = -(-len(traces) // columns)
-    width = style.COLUMN if len(traces) == 1 else style.PAGE
-    figure = Figure(figsize=(width, 1.55 * rows + 0.4), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False)
-    entries: dict[str, Any] = {}
+    count = len(loops[0].traces)
+    columns = 2 if count in (2, 4) else min(3, count)
+    figure, grid = style.panels(count, columns, 1.55, 0.4)
+    entries: dict[str, Artist] = {}
     last = replay.settled(task, [loop.segment for loop in loops])
-    for k, axes in enumerate(grid.flat):
-        if k < len(traces):
-            entries |= draw_panel(axes, task, loops, k, last)
-        else:
-            axes.remove()
+    for k, axes in enumerate(grid):
+        draw_panel(axes, loops, k, last)
+        entries |= style.entries(axes)
     entries |= {name: entries.pop(name) for name in (REFERENCE, LIMIT) if name in entries}
     style.legend_above(figure, entries)
     if title and len(entries) < 2:
@@ -124,55 +130,46 @@ def draw(task: Task, loops: Sequence[Loop], title: str, columns: int = 3) -> Fig
     return figure
 
 
-def draw_panel(axes: Axes, task: Task, loops: Sequence[Loop], k: int, last: int) -> dict[str, Any]:
-    """Draw the `k`-th trace of each loop, up to step `last`, into `axes`; return legend entries."""
-    entries: dict[str, Any] = {}
-    lines = [task.traces(loop.segment)[k] for loop in loops]
-    longest = max(lines, key=lambda line: len(line.x))
+def draw_panel(axes: Axes, loops: Sequence[Loop], k: int, last: int) -> None:
+    """Draw the `k`-th trace of each loop, up to step `last`, into `axes`."""
+    longest = max((loop.traces[k] for loop in loops), key=lambda trace: len(trace.x))
     if longest.reference is not None:
         x, y = longest.reference
         shown = x <= longest.x[: last + 1].max()
-        (entries[REFERENCE],) = axes.plot(
-            x[shown], y[shown], color=style.GREY, linewidth=2.4, alpha=0.55, solid_capstyle="butt"
-        )
-    cycles = [limit_cycle(task.traces(loop.segment)) for loop in loops]
-    labels = [
-        cycle.label(loop.label) if cycle else loop.label
-        for loop, cycle in zip(loops, cycles, strict=True)
-    ]
-    entries |= dict.fromkeys(labels)
-    several = sum(cycle is not None for cycle in cycles) > 1
-    # A limit cycle is drawn behind what settles, which it would cover.
-    for loop, line, cycle, label in sorted(
-        zip(loops, lines, cycles, labels, strict=True), key=lambda drawn: drawn[2] is None
-    ):
-        entries[label] = _draw_loop(axes, loop.look, line, cycle, last + 1, several)
+        axes.plot(x[shown], y[shown], color=style.GREY, linewidth=2.4, alpha=0.55,
+                  solid_capstyle="butt", label=REFERENCE)  # fmt: skip
+    several = sum(loop.cycle is not None for loop in loops) > 1
+    for loop in loops:
+        trace, colour = loop.traces[k], loop.look.colour
+        (line,) = axes.plot(trace.x[: last + 1], trace.y[: last + 1], color=colour,
+                            linestyle=loop.look.dashes, label=loop.label)  # fmt: skip
+        if loop.cycle is not None:
+            shade(axes, line, trace, loop.cycle, several)
         if loop.segment.terminated and loop.segment.length <= last:
-            axes.plot(line.x[-1:], line.y[-1:], "x", color=loop.look.colour, markersize=5)
+            axes.plot(trace.x[-1:], trace.y[-1:], "x", color=colour, markersize=5)
     low, high = axes.get_ylim()
     for limit in longest.limits:
         if low - 0.3 * (high - low) <= limit <= high + 0.3 * (high - low):
-            entries[LIMIT] = axes.axhline(limit, color=style.INK, lw=0.8, ls="-.")
+            axes.axhline(limit, color=style.INK, lw=0.8, ls="-.", label=LIMIT)
     axes.set_xlabel(longest.x_label)
     axes.set_ylabel(longest.title)
     axes.margins(x=0.01)
-    return entries
 
 
-def _draw_loop(
-    axes: Axes, look: style.Look, line: Trace, cycle: Cycle | None, until: int, several: bool
-) -> Artist:
-    """Draw one trace; of a limit cycle what it swings between, and itself if it is the only one."""
-    x, y = line.x[:until], line.y[:until]
-    plain = {"color": look.colour, "linestyle": look.dashes}
-    if cycle is None:
-        return axes.plot(x, y, **plain)[0]
-    low, high = (edge[:until] for edge in envelope(line, cycle))
-    axes.fill_between(x, low, high, lw=0, alpha=0.1 if several else 0.25, color=look.colour)
-    if not several:
-        return axes.plot(x, y, color=look.colour, linewidth=0.5)[0]
-    axes.plot(x, low, linewidth=0.8, **plain)
-    return axes.plot(x, high, linewidth=0.8, **plain)[0]
+def shade(axes: Axes, line: Line2D, trace: Trace, cycle: Cycle, several: bool = False) -> None:
+    """Shade what a trace in a limit cycle swings between, behind what settles; tell its period.
+
+    Its line is drawn thin. Of several such traces the extremes are drawn in place of the lines,
+    which would cover one another.
+    """
+    x = np.asarray(line.get_xdata())
+    low, high = (edge[: len(x)] for edge in envelope(trace, cycle))
+    axes.fill_between(x, low, high, lw=0, alpha=0.1 if several else 0.25, color=line.get_color())
+    told = f"{line.get_label()} (limit cycle, {cycle.period})"
+    line.set(linewidth=0.8 if several else 0.5, zorder=1.5, label=told)
+    if several:
+        line.set_ydata(high)
+        axes.plot(x, low, color=line.get_color(), ls=line.get_linestyle(), lw=0.8, zorder=1.5)
 
 
 @dataclass(frozen=True)
@@ -181,10 +178,6 @@ class Cycle:
 
     samples: int
     period: str
-
-    def label(self, name: str) -> str:
-        """Return the entry of a legend for what is called `name`."""
-        return f"{name} (limit cycle, {self.period})"
 
 
 def limit_cycle(traces: Sequence[Trace]) -> Cycle | None:

@@ -7,6 +7,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,22 +26,16 @@ def folder(text: str) -> Path:
     return Path(text).expanduser()
 
 
-def count(text: str) -> int:
-    """Parse a whole number of at least 1."""
-    return _whole(text, 1)
-
-
-def seed(text: str) -> int:
-    """Parse a whole number of at least 0."""
-    return _whole(text, 0)
-
-
-def _whole(text: str, least: int) -> int:
+def _whole(least: int, text: str) -> int:
+    """Parse a whole number of at least `least`."""
     if not text.isdecimal() or int(text) < least:
         raise argparse.ArgumentTypeError(
             f"expected a whole number of at least {least}, got {text!r}"
         )
     return int(text)
+
+
+count, seed = partial(_whole, 1), partial(_whole, 0)
 
 
 def seeds(text: str) -> list[int]:
@@ -149,13 +144,19 @@ def load_one_task(options: argparse.Namespace) -> Collection:
         RunFolderError: If no run is finished.
     """
     collection = load_runs(options)
-    task = options.task
-    if not task:
-        task, *others = sorted({run.method.task for run in collection.some_finished()})
-        if others:
-            names = ", ".join([task, *others])
-            raise ConfigError(f"runs of several tasks; choose with --task: {names}")
-    return of_variant(collection.of_task(task), options)
+    found = {run.method.task for run in collection.some_finished()}
+    return of_variant(collection.of_task(options.task or only_task(found)), options)
+
+
+def only_task(found: set[str]) -> str:
+    """Return the only one of some tasks.
+
+    Raises:
+        ConfigError: If there are several.
+    """
+    if len(found) > 1:
+        raise ConfigError(f"runs of several tasks; choose with --task: {', '.join(sorted(found))}")
+    return next(iter(found))
 
 
 def write(path: Path, content: str | bytes) -> None:

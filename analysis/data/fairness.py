@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from zoac.analysis.data.runs import Run, variants
+from zoac.analysis.data.runs import Method, Run, by_method, variants
 from zoac.config.settings import CHANGES_THE_METHOD
 from zoac.core.errors import RunFolderError
 from zoac.runs.schema import differing_keys
@@ -15,6 +15,18 @@ WITHOUT_TUNING = ("budget", "num_envs", "eval_every")
 
 OF_TUNER = ("tuner", *CHANGES_THE_METHOD)
 """Keys in which compared methods may differ."""
+
+
+def unmixed(runs: Iterable[Run]) -> dict[Method, list[Run]]:
+    """Return runs by method, seeds in order.
+
+    Raises:
+        RunFolderError: If runs of a method differ in their configuration, see `refuse_mixed`.
+    """
+    groups = by_method(runs)
+    for group in groups.values():
+        refuse_mixed(group)
+    return groups
 
 
 def refuse_mixed(runs: Sequence[Run]) -> None:

@@ -13,14 +13,12 @@ from zoac.core.types import is_number
 
 def results_frame(runs: Iterable[Run]) -> pd.DataFrame:
     """Return one row per finished run: its identity and every number of its result."""
-    rows = [{**_identity(run), **_numbers(run.outcome)} for run in runs if run.result is not None]
-    return pd.DataFrame(rows)
+    return pd.DataFrame([_row(run, run.outcome) for run in runs if run.result is not None])
 
 
 def evaluations_frame(runs: Iterable[Run]) -> pd.DataFrame:
     """Return one row per evaluation while tuning, with `parameters.NAME` columns."""
-    rows = [{**_identity(run), **_numbers(row)} for run in runs for row in run.evaluations]
-    return pd.DataFrame(rows)
+    return pd.DataFrame([_row(run, record) for run in runs for record in run.evaluations])
 
 
 def numbers(record: Mapping[str, Any]) -> dict[str, float]:
@@ -28,11 +26,7 @@ def numbers(record: Mapping[str, Any]) -> dict[str, float]:
     return {key: value for key, value in record.items() if is_number(value)}
 
 
-def _identity(run: Run) -> dict[str, Any]:
-    return {**run.method._asdict(), "seed": run.seed}
-
-
-def _numbers(record: Mapping[str, Any]) -> dict[str, Any]:
+def _row(run: Run, record: Mapping[str, Any]) -> dict[str, Any]:
     parameters = record.get("parameters") or {}
     named = {f"parameters.{name}": value for name, value in parameters.items()}
-    return {**numbers(record), **named}
+    return {**run.method._asdict(), "seed": run.seed, **numbers(record), **named}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -50,7 +51,7 @@ def load(root: str | Path, *, trust_code: bool = False) -> Collection:
         raise RunFolderError(f"{what}; expected a run folder, or a folder of run folders")
     runs: list[Run] = []
     skipped: list[Skipped] = []
-    if compact.is_compact(root):
+    if (root / compact.RUNS).is_file():
         runs += compact.read(root)
     for folder in _candidates(root):
         try:
@@ -100,22 +101,13 @@ def _complete(folder: Path, file: str, record: Any) -> dict[str, Any]:
     return record
 
 
-def _candidates(folder: Path) -> Iterator[Path]:
+def _candidates(root: Path) -> Iterator[Path]:
     """Yield folders that are runs, or that look as if they should be."""
-    is_run = (folder / RUN).is_file()
-    if is_run:
-        yield folder
-    children = sorted(
-        child
-        for child in folder.iterdir()
-        if child.is_dir() and not child.name.startswith(".") and child.name != "checkpoint"
-    )
-    for child in children:
-        yield from _candidates(child)
-    if not is_run and not children:
-        files = {file.name for file in folder.iterdir()}
-        if not files or files & {METRICS, RESULT}:
-            yield folder
+    for folder, children, files in os.walk(root, followlinks=True):
+        empty = not (files or children)
+        children[:] = sorted(c for c in children if not c.startswith(".") and c != "checkpoint")
+        if RUN in files or (not children and (empty or {METRICS, RESULT} & set(files))):
+            yield Path(folder)
 
 
 def _refuse_copies(runs: Sequence[Run]) -> None:

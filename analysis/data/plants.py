@@ -40,6 +40,15 @@ class Variation:
     costs: Mapping[str, np.ndarray]
     ranges: Mapping[str, tuple[float, float]]
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Number of drawn plants, and of episodes on each."""
+        plants, episodes = next(iter(self.costs.values())).shape
+        return plants - 1, episodes
+
+    def __str__(self) -> str:
+        return ", ".join(f"{n} in [{low:g}, {high:g}]" for n, (low, high) in self.ranges.items())
+
 
 @dataclass(frozen=True)
 class Sensitivity:
@@ -157,19 +166,10 @@ def _numbers(node: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
 
 def _points(run: Run, task: Task) -> dict[str, np.ndarray]:
     """Return the normalised parameters of each controller that is compared."""
-    points = {TUNED: _normalised(run, task)}
+    points = {TUNED: task.space.normalise(run.outcome["parameters"])}
     if task.baseline is not None:
         points[BASELINE] = task.space.normalise(task.baseline)
     return points
-
-
-def _normalised(run: Run, task: Task) -> np.ndarray:
-    names = task.space.names
-    parameters = run.outcome["parameters"]
-    missing = [name for name in names if name not in parameters]
-    if missing:
-        raise RunFolderError(f"{run.folder}: result.json has no {', '.join(missing)}")
-    return task.space.normalise({name: parameters[name] for name in names})
 
 
 def sensitivity(run: Run, episodes: int) -> list[Sensitivity]:
@@ -180,7 +180,7 @@ def sensitivity(run: Run, episodes: int) -> list[Sensitivity]:
         episodes: The same for every point.
     """
     task = replay.rebuild(run)
-    centre = _normalised(run, task)
+    centre = task.space.normalise(run.outcome["parameters"])
     steps = np.diag(np.full(task.space.dimension, STEP))
     points = task.space.clip(np.concatenate([centre[None], centre - steps, centre + steps]))
     costs = replay.costs(task, points, episodes, int(run.config["evaluation"]["seed"]))

@@ -6,13 +6,13 @@ Only this module of the package steps environments.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from zoac.analysis.data.runs import Run
-from zoac.core.controller import Controller
 from zoac.core.segments import Proposal, Segment
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.evaluation import evaluation_proposals
@@ -38,8 +38,9 @@ def rebuild(run: Run) -> Task:
 
 def demonstrate(task: Task, controllers: Sequence[Mapping[str, float]]) -> list[Segment]:
     """Return the task's demonstration episode under each of the named parameter sets."""
-    indices = range(len(controllers))
-    group = RolloutEngine(_Demonstration(task), indices, [0] * len(controllers))
+    indices, shown = range(len(controllers)), copy(task)
+    shown.make_env = lambda n: _demonstrating(task.make_env(n))  # type: ignore[method-assign]
+    group = RolloutEngine(shown, indices, [0] * len(controllers))
     try:
         return group.rollout(
             [Proposal(task.space.normalise(controllers[k]), env_index=k) for k in indices]
@@ -79,30 +80,12 @@ def before(run: Run) -> dict[str, float] | None:
     return dict(rows[0]["parameters"])
 
 
-class _Demonstration(Task):
-    """A task in which every episode is the demonstration."""
+def _demonstrating(env: VecEnv) -> VecEnv:
+    """Have every episode of an environment be its demonstration."""
+    reset = env.reset
 
-    def __init__(self, task: Task) -> None:
-        self.space = task.space
-        self.failure_penalty, self.fixed = task.failure_penalty, task.fixed
-        self.signals, self.specs, self.sample_time = task.signals, task.specs, task.sample_time
-        self._task = task
+    def demonstration(*, options: dict[str, Any] | None = None, **rest: Any) -> Any:
+        return reset(options={**(options or {}), "demonstration": True}, **rest)
 
-    def make_env(self, n: int) -> VecEnv:
-        return _DemonstrationEnv(self._task.make_env(n))  # type: ignore[return-value]
-
-    def make_controller(self) -> Controller:
-        return self._task.make_controller()
-
-
-class _DemonstrationEnv:
-    """An environment that resets to its demonstration and forwards everything else."""
-
-    def __init__(self, env: VecEnv) -> None:
-        self._env = env
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._env, name)
-
-    def reset(self, *, options: dict[str, Any] | None = None, **rest: Any) -> Any:
-        return self._env.reset(options={**(options or {}), "demonstration": True}, **rest)
+    env.reset = demonstration  # type: ignore[method-assign]
+    return env

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,6 +28,12 @@ class Method(NamedTuple):
     def row(self) -> str:
         """Its row in tables and figures: the tuner, `_reg` behind it with the regularised cost."""
         return self.tuner + REGULARISED if self.task.endswith(REGULARISED) else self.tuner
+
+    @property
+    def rank(self) -> tuple[bool, bool, str, str, str]:
+        """Its place in figures: ZOAC first, the nominal controller last."""
+        name = self.tuner
+        return name == "nominal", name != "zoac", name, self.task, self.variant or ""
 
     def __str__(self) -> str:
         variant = f" ({self.variant})" if self.variant else ""
@@ -213,10 +220,8 @@ def unfinished(run: Run) -> str:
 
 def by_method(runs: Iterable[Run]) -> dict[Method, list[Run]]:
     """Group runs by method, seeds in order."""
-    groups: dict[Method, list[Run]] = {}
-    for run in sorted(runs, key=order):
-        groups.setdefault(run.method, []).append(run)
-    return groups
+    ordered = sorted(runs, key=order)
+    return {method: list(group) for method, group in groupby(ordered, key=lambda r: r.method)}
 
 
 def order(run: Run) -> tuple[str, str, str, int]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from zoac.analysis.data.fairness import refuse_mixed
-from zoac.analysis.data.runs import Collection, Run, by_method
+from zoac.analysis.data.fairness import unmixed
+from zoac.analysis.data.runs import Collection, Run
 from zoac.core.errors import RunFolderError
 
 
@@ -24,17 +24,11 @@ def chosen(collection: Collection, tuner: str | None = None, seed: int | None = 
             if value is not None
         )  # fmt: skip
         raise RunFolderError(f"no finished run{wanted}")
-    groups = by_method(runs).values()
-    for group in groups:
-        refuse_mixed(group)
-    return sorted(map(median_run, groups), key=_prominence)
+    typical = map(median_run, unmixed(runs).values())
+    return sorted(typical, key=lambda run: (not run.tuned, run.method.rank))
 
 
 def median_run(runs: Sequence[Run]) -> Run:
     """Return the run whose final cost is the (lower) median: typical, not the best."""
     ordered = sorted(runs, key=lambda run: (run.cost_mean, run.seed))
     return ordered[(len(ordered) - 1) // 2]
-
-
-def _prominence(run: Run) -> tuple[bool, bool, str]:
-    return not run.tuned, run.method.tuner != "zoac", str(run.method)

@@ -60,48 +60,39 @@ def frames(task: Task, segments: Sequence[Segment], titles: Sequence[str]) -> It
     """
     last = replay.settled(task, segments[-1:])
     shown = [_shown(task, segment) for segment in segments]
-    steps = np.unique(np.linspace(0, last, FRAMES).round().astype(int))
-    for step in [*steps, *[last] * HOLD]:
-        yield _frame(task, segments, shown, titles, int(step), last)
-
-
-def _frame(
-    task: Task,
-    segments: Sequence[Segment],
-    shown: Sequence[Trace],
-    titles: Sequence[str],
-    step: int,
-    last: int,
-) -> np.ndarray:
-    figure = Figure(figsize=SIZE, dpi=DPI)
-    canvas = FigureCanvasAgg(figure)
     longest = max(shown, key=lambda trace: len(trace.x))
-    plot = figure.add_axes((0.085, 0.125, 0.895, 0.245))
-    for k, (segment, trace, title) in enumerate(zip(segments, shown, titles, strict=True)):
-        left, look = k / len(segments), LOOKS[k % len(LOOKS)]
-        width, here = 1 / len(segments), min(step, segment.length)
-        scene = figure.add_axes((left + 0.01, 0.405, width - 0.02, 0.485))
-        if not task.draw(scene, segment, here):
-            scene.set_axis_off()
-        cost = f"cost {segment.costs.sum():,.1f}"
-        figure.text(left + 0.02, 0.93, title, color=look.colour, size=11, weight="bold")
-        figure.text(left + width - 0.02, 0.93, cost, color=look.colour, size=10, ha="right")
-        line = {"color": look.colour, "linestyle": look.dashes}
-        plot.plot(trace.x[: last + 1], trace.y[: last + 1], linewidth=1.0, alpha=0.35, **line)
-        plot.plot(trace.x[: here + 1], trace.y[: here + 1], linewidth=1.8, **line)
-        plot.plot(trace.x[here : here + 1], trace.y[here : here + 1], "o", color=look.colour, ms=5)
-        if segment.terminated and step >= segment.length:
-            plot.plot(trace.x[-1], trace.y[-1], "x", color=look.colour, markersize=9)
-            figure.text(left + 0.02, 0.875, "episode ended: error too large", color=look.colour,
-                        size=9)  # fmt: skip
     ordinates = np.concatenate([trace.y[: last + 1] for trace in shown])
     margin = 0.06 * max(np.ptp(ordinates), 1e-9)
-    plot.set_xlim(longest.x[0], longest.x[min(last, len(longest.x) - 1)])
-    plot.set_ylim(ordinates.min() - margin, ordinates.max() + margin)
-    plot.set_xlabel(longest.x_label, labelpad=1)
-    plot.set_ylabel(longest.title)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    steps = np.unique(np.linspace(0, last, FRAMES).round().astype(int)).tolist()
+    for step in [*steps, *[last] * HOLD]:
+        figure = Figure(figsize=SIZE, dpi=DPI)
+        canvas = FigureCanvasAgg(figure)
+        plot = figure.add_axes((0.085, 0.125, 0.895, 0.245))
+        for k, (segment, trace, title) in enumerate(zip(segments, shown, titles, strict=True)):
+            left, look = k / len(segments), LOOKS[k % len(LOOKS)]
+            width, here = 1 / len(segments), min(step, segment.length)
+            scene = figure.add_axes((left + 0.01, 0.405, width - 0.02, 0.485))
+            if not task.draw(scene, segment, here):
+                scene.set_axis_off()
+            cost = f"cost {segment.costs.sum():,.1f}"
+            figure.text(left + 0.02, 0.93, title, color=look.colour, size=11, weight="bold")
+            figure.text(left + width - 0.02, 0.93, cost, color=look.colour, size=10, ha="right")
+            line = {"color": look.colour, "linestyle": look.dashes}
+            plot.plot(trace.x[: last + 1], trace.y[: last + 1], linewidth=1.0, alpha=0.35, **line)
+            plot.plot(trace.x[: here + 1], trace.y[: here + 1], linewidth=1.8, **line)
+            plot.plot(
+                trace.x[here : here + 1], trace.y[here : here + 1], "o", color=look.colour, ms=5
+            )
+            if segment.terminated and step >= segment.length:
+                plot.plot(trace.x[-1], trace.y[-1], "x", color=look.colour, markersize=9)
+                figure.text(left + 0.02, 0.875, "episode ended: error too large", color=look.colour,
+                            size=9)  # fmt: skip
+        plot.set_xlim(longest.x[0], longest.x[min(last, len(longest.x) - 1)])
+        plot.set_ylim(ordinates.min() - margin, ordinates.max() + margin)
+        plot.set_xlabel(longest.x_label, labelpad=1)
+        plot.set_ylabel(longest.title)
+        canvas.draw()
+        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def _shown(task: Task, segment: Segment) -> Trace:

@@ -202,11 +202,32 @@ def _probed(names: Sequence[str], count: int) -> dict[str, int]:
     return found
 
 
-def band(axes: Axes, x: Any, low: Any, high: Any, look: Look, label: str = "") -> Artist:
+def panels(
+    count: int, columns: int, height: float, more: float, **options: Any
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with so many panels in rows, one or two columns of text wide.
+
+    Args:
+        count: Number of panels.
+        columns: Panels in a row.
+        height: Of a row [in].
+        more: What the figure has beside its rows [in].
+        options: Of `Figure.subplots`.
+    """
+    rows = -(-count // columns)
+    size = (PAGE if columns > 1 else COLUMN, height * rows + more)
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False, **options).ravel().tolist()
+    for spare in grid[count:]:
+        spare.remove()
+    return figure, grid[:count]
+
+
+def band(axes: Axes, x: Any, low: Any, high: Any, look: Look) -> None:
     """Shade the range around a line; its edges have the line's dashes, to be told in grey."""
     for edge in (low, high):
         axes.plot(x, edge, color=look.colour, linestyle=look.dashes, linewidth=0.5, alpha=0.6)
-    return axes.fill_between(x, low, high, color=look.colour, alpha=0.13, lw=0, label=label or None)
+    axes.fill_between(x, low, high, color=look.colour, alpha=0.13, lw=0)
 
 
 def image(figure: Figure, kind: str, salt: str = "zoac") -> bytes:

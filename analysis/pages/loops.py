@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,15 +12,14 @@ from matplotlib.axes import Axes
 from zoac.analysis.data import replay
 from zoac.analysis.data.baseline import Before
 from zoac.analysis.data.runs import Run
-from zoac.analysis.figures import style
 from zoac.analysis.pages import html
 from zoac.analysis.pages.formatting import NOTHING, significant
 from zoac.analysis.trajectories import (
     TIME_AXES,
     before_and_after,
     draw_panel,
-    envelope,
     limit_cycle,
+    shade,
 )
 from zoac.core.errors import RunFolderError
 from zoac.core.measures import Trace
@@ -35,10 +34,13 @@ MAX_VIEW = 3.0
 """Largest range of an axis, as a multiple of what the tuned controller needs."""
 
 
-def recorded(run: Run) -> str:
-    """Return the signals of a final episode, before and after; nothing without a record."""
+def recorded(run: Run) -> tuple[str, str]:
+    """Return the signals of a final episode, before and after, and what is said of their steps.
+
+    Either is empty without a record.
+    """
     if not (run.folder / schema.RESPONSES).is_file():
-        return ""
+        return "", ""
     table = responses.one_loop(responses.read(run.folder), run.outcome)
     signals, specs = run.identity.get("signals", {}), run.outcome.get("specs", [])
     units = signals.get("units", {})
@@ -55,34 +57,29 @@ def recorded(run: Run) -> str:
     note = f"{responses.title(run.outcome)}."
     if len(set(table["parameters"])) > 1:
         note += " Before: with the baseline values."
-    return html.gallery(pictures) + html.paragraph(note, "muted")
+    response = html.gallery(pictures) + html.paragraph(note, "muted")
+    return response, _steps(table, references, specs, units) if signals.get("sample_time") else ""
 
 
 def _mark_limit_cycles(axes: Axes, table: pd.DataFrame, name: str, timed: bool) -> None:
-    """Shade what a signal in a limit cycle swings between; draw it thin, behind what settles."""
+    """Shade what a signal in a limit cycle swings between."""
     lines = {str(line.get_label()): line for line in axes.get_lines()}
     for which, part in table.groupby("parameters", sort=False):
         time, values = (part[column].to_numpy(float) for column in ("time", name))
         trace = Trace(name, time, values, TIME_AXES[0] if timed else TIME_AXES[1])
-        cycle = limit_cycle([trace])
-        if cycle is None:
-            continue
-        line = lines[responses.LOOKS[str(which)][0]]
-        line.set(linewidth=0.5, zorder=1.5, label=cycle.label(str(line.get_label())))
-        low, high = envelope(trace, cycle)
-        axes.fill_between(time, low, high, lw=0, alpha=0.25, color=line.get_color())
+        if (cycle := limit_cycle([trace])) is not None:
+            shade(axes, lines[responses.LOOKS[str(which)][0]], trace, cycle)
 
 
-def step_information(run: Run) -> str:
+def _steps(
+    table: pd.DataFrame,
+    references: Mapping[str, str],
+    specs: Sequence[Mapping[str, Any]],
+    units: Mapping[str, str],
+) -> str:
     """Return rise, overshoot and settling of each signal whose reference steps once, or nothing."""
-    if not (run.folder / schema.RESPONSES).is_file():
-        return ""
-    signals, specs = run.identity.get("signals", {}), run.outcome.get("specs", [])
-    if not signals.get("sample_time"):
-        return ""
-    table = responses.one_loop(responses.read(run.folder), run.outcome)
     tables = []
-    for name, reference in guides.references(specs, table.columns[2:]).items():
+    for name, reference in references.items():
         windows = [r["window"] for r in specs if r["signals"] == [name, reference] and r["window"]]
         steps = {
             str(which): _step(part, name, reference, windows[0] if windows else None)
@@ -90,8 +87,7 @@ def step_information(run: Run) -> str:
         }
         shown = {which: step for which, step in steps.items() if step is not None}
         if "tuned" in shown:
-            unit = signals.get("units", {}).get(name, "")
-            tables.append(_step_table(name, reference, unit, shown))
+            tables.append(_step_table(name, reference, units.get(name, ""), shown))
     note = html.paragraph("In the final evaluation episode that is shown above.", "muted")
     return "".join([*tables, note]) if tables else ""
 
@@ -144,15 +140,14 @@ def closed_loop(run: Run, compared: Before | None) -> str:
         return html.paragraph(escape(str(error)), "muted")
     loops = before_and_after(task, run, compared)
     pictures = []
-    tuned = loops[-1].segment
-    last = replay.settled(task, [tuned])
-    for k, trace in enumerate(task.traces(tuned)):
+    last = replay.settled(task, [loops[-1].segment])
+    for k, trace in enumerate(loops[-1].traces):
         figure, axes = html.figure()
-        entries = draw_panel(axes, task, loops, k, last)
-        left = _keep_in_view(axes, task.traces(tuned)[k])
-        style.legend_above(figure, entries, columns=4)
+        draw_panel(axes, loops, k, last)
+        left = _keep_in_view(axes, trace)
         caption = "The controller before tuning leaves this view." if left else ""
-        pictures.append(html.picture(figure, f"{run.folder} trace {k}", trace.title, caption))
+        name = f"{run.folder} trace {k}"
+        pictures.append(html.picture(figure, name, trace.title, caption, columns=4))
     totals = ", ".join(
         f"{loop.label.lower()} {significant(float(loop.segment.costs.sum()))}" for loop in loops
     )

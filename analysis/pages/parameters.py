@@ -26,27 +26,26 @@ def parameters(run: Run, compared: Before | None) -> str:
     before = (compared and compared.parameters) or {}
     first = replay.before(run) or {}
     start = {} if _alike(first, before) else first
-    marks = {"before": "before", "after": "after", "start": "start of tuning"}
+    marks = {"before": before, "after": run.outcome["parameters"], "start": start}
     lines = [["Name", "Start of tuning", "Before", "After", RANGE]]
     at_bound = []
     for record in run.identity["parameters"]:
         parameter = Parameter(**record)
         name, scale = parameter.name, " (log)" if parameter.scale == "log" else ""
-        after = run.outcome["parameters"][name]
-        values = {"before": before.get(name), "after": after, "start": start.get(name)}
+        values = {mark: found[name] for mark, found in marks.items() if name in found}
         if parameter.kind == "choice":
             shown = escape(", ".join(map(str, parameter.options)))
         else:
-            places = {k: _place(parameter, v) for k, v in values.items() if v is not None}
+            places = {mark: _place(parameter, value) for mark, value in values.items()}
             shown = html.placed(places, f"{parameter.low:g}", f"{parameter.high:g}")
             for bound, distance in (("low", places["after"]), ("high", 1 - places["after"])):
                 if distance < NEAR_BOUND:
                     at_bound.append(f"{escape(name)} ({bound})")
         label = escape(unit_label(name, parameter.unit)) + scale
-        cells = {k: _value(v) for k, v in values.items()}
-        lines.append([label, cells["start"], cells["before"], cells["after"], shown])
-    known = {"after", *(["before"] if before else []), *(["start"] if start else [])}
-    text = html.keys({mark: told for mark, told in marks.items() if mark in known})
+        cells = [_value(values.get(mark)) for mark in ("start", "before", "after")]
+        lines.append([label, *cells, shown])
+    told = {"before": "before", "after": "after", "start": "start of tuning"}
+    text = html.keys({mark: text for mark, text in told.items() if marks[mark]})
     text += html.table(without_empty_columns(lines), wide=[RANGE])
     if at_bound:
         text += html.paragraph(

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
+from omegaconf import OmegaConf
+
 from zoac.analysis.data.runs import Run
 from zoac.analysis.pages import html
 from zoac.config.files import choice, choices, configuration
@@ -31,8 +33,8 @@ def reproduce(run: Run) -> str:
     }
     return (
         _way(run)
-        + html.aside("Versions and machine", html.code(as_yaml(facts)))
-        + html.aside("Configuration", html.code(as_yaml(run.config)))
+        + html.aside("Versions and machine", html.code(OmegaConf.to_yaml(facts)))
+        + html.aside("Configuration", html.code(OmegaConf.to_yaml(dict(run.config))))
     )
 
 
@@ -159,15 +161,3 @@ def _program(run: Run) -> str:
         f'    tuner_options={{k: v for k, v in config["tuner"].items() if k != "{TARGET}"}},\n'
         f'    folder="{AGAIN}",\n)\n'
     )
-
-
-def as_yaml(node: Mapping[str, Any], indent: int = 0) -> str:
-    """Return plain data as YAML, for reading."""
-    lines = []
-    for key, value in node.items():
-        if isinstance(value, Mapping) and value:
-            lines.append(f"{' ' * indent}{key}:\n{as_yaml(value, indent + 2)}")
-        else:
-            shown = value if isinstance(value, str) else json.dumps(value)
-            lines.append(f"{' ' * indent}{key}: {shown}")
-    return "\n".join(lines)

@@ -27,10 +27,7 @@ def robust(run: Run, folder: Path) -> str:
 
 
 def _plants(run: Run, varied: Variation) -> str:
-    count, episodes = next(iter(varied.costs.values())).shape
-    ranges = ", ".join(
-        f"{name} in [{low:g}, {high:g}]" for name, (low, high) in varied.ranges.items()
-    )
+    count, episodes = varied.size
     pictures = []
     for name in varied.plants:
         figure, axes = html.figure()
@@ -41,7 +38,7 @@ def _plants(run: Run, varied: Variation) -> str:
     return html.part(
         "Robustness",
         html.paragraph(
-            f"Cost on {count - 1} other plants, {episodes} episodes each: {escape(ranges)}."
+            f"Cost on {count} other plants, {episodes} episodes each: {escape(str(varied))}."
         ),
         html.table(lines),
         html.gallery(pictures),

@@ -28,7 +28,7 @@ def details(run: Run, reference: Run | None, replays: bool, more: str = "") -> s
         more: Further parts, before the last ones.
     """
     compared = before(run, reference)
-    response = loops.recorded(run)
+    response, steps = loops.recorded(run)
     return "".join(
         [
             html.paragraph(_verdict(run, compared), "verdict"),
@@ -36,7 +36,7 @@ def details(run: Run, reference: Run | None, replays: bool, more: str = "") -> s
             _tiles(run),
             html.part("Requirements", requirements(run)),
             html.part("Response", response),
-            html.part("Step information", loops.step_information(run)),
+            html.part("Step information", steps),
             html.part("Parameters", parameters(run, compared)),
             html.part("Learning curve", html.gallery(_learning_curves(run, compared))),
             html.part(
@@ -54,13 +54,6 @@ def title(run: Run, label: str, siblings: int) -> str:
     """Return the heading of a run, of whose method there are `siblings` seeds; it is the median."""
     which = f", the median of {siblings} by cost" if siblings > 1 else ""
     return f"{label}, seed {run.seed}{which}"
-
-
-def objective(run: Run) -> str:
-    """Return what the cost is, where run.json says it."""
-    soft = [row["spec"] for row in run.outcome.get("specs", []) if row["met"] is None]
-    told = run.identity.get("objective") or (soft[0] if len(soft) == 1 else "")
-    return f"The cost is {told}." if told and "study" not in run.identity else ""
 
 
 def _unit(run: Run, count: int) -> str:

@@ -58,7 +58,8 @@ def _setting(comparison: Comparison, baselines: Mapping[Run, Before]) -> str:
             f" The baseline values cost {significant(cost)} in the same episodes. "
             f"{better} of {len(baselines)} runs ended with a lower cost."
         )
-    if any(s.cost is not None and s.cost.exists for s in comparison.summaries):
+    costs = [s.intervals["cost"] for s in comparison.summaries]
+    if any(cost is not None and cost.exists for cost in costs):
         text += " Intervals are 95%, over seeds and episodes."
     return text
 
@@ -80,18 +81,19 @@ def _table(comparison: Comparison, baselines: Mapping[Run, Before]) -> str:
     groups = by_method(baselines)
     for s in comparison.summaries:
         better = [_better(run, baselines[run]) for run in groups.get(s.method, [])]
-        known = s.minus_nominal is not None and s.minus_nominal.exists
+        iqm, minus_nominal = s.intervals["iqm"], s.intervals["minus_nominal"]
+        known = minus_nominal is not None and minus_nominal.exists
         lines.append(
             [
                 escape(s.label),
                 str(len(s.seeds)),
-                plus_minus(s.cost_std),
-                bounds(s.cost),
-                number(s.iqm.estimate) if s.iqm and s.tuned else NOTHING,
+                plus_minus(s.means["cost"]),
+                bounds(s.intervals["cost"]),
+                number(iqm.estimate) if iqm and s.tuned else NOTHING,
                 f"{sum(better)} of {len(better)}" if better else NOTHING,
-                estimate(s.minus_nominal, sign=True) if known and s.minus_nominal else NOTHING,
-                plus_minus(s.prediction_error),
-                plus_minus(s.wall_seconds if s.tuned else None),
+                estimate(minus_nominal, sign=True) if known and minus_nominal else NOTHING,
+                plus_minus(s.means["prediction_error"]),
+                plus_minus(s.means["wall_seconds"] if s.tuned else None),
             ]
         )
     return html.table(without_empty_columns(lines))

@@ -1,4 +1,4 @@
-"""Methods side by side: what is missing, and which claims the data support."""
+"""Methods side by side: each over its seeds, what is missing, which claims the data support."""
 
 from __future__ import annotations
 
@@ -6,19 +6,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from zoac.analysis.data.fairness import refuse_mixed, refuse_unequal
-from zoac.analysis.data.runs import Collection, Method, Run, by_method
+import numpy as np
+
+from zoac.analysis.data.fairness import refuse_unequal, unmixed
+from zoac.analysis.data.runs import Collection, Method, Run
 from zoac.analysis.figures.labels import TASKS, family, method_labels, tuner_names
-from zoac.analysis.statistics.claims import Claim, claims
-from zoac.analysis.statistics.summaries import (
-    NOMINAL,
-    Summary,
-    costs_of,
-    reached,
-    scores_of,
-    summary_of,
+from zoac.analysis.statistics.claims import Claim, claim_stream, claims
+from zoac.analysis.statistics.stats import (
+    Interval,
+    MeanStd,
+    Scores,
+    interquartile_mean,
+    mean_std,
+    paired_difference,
+    summarise,
 )
 from zoac.core.errors import RunFolderError
+from zoac.core.seeding import stream
+
+NOMINAL = "nominal"
 
 TABLE2 = (
     Method("mpc_tracking", "zoac", None),
@@ -28,6 +34,38 @@ TABLE2 = (
     Method("mpc_tracking", NOMINAL, None),
 )
 """The rows of the paper's Table II, in its order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """One method over its seeds. Numbers that cannot be had are None.
+
+    Args:
+        method: Task, tuner and variant.
+        label: Name of the method in tables.
+        tuned: Whether tuning took environment steps.
+        seeds: Seeds that count.
+        missing: Seeds that other methods have and this one lacks.
+        not_finite: Seeds whose cost is not finite; if there is one, nothing is averaged.
+        scores: Costs, seeds by episodes.
+        intervals: `cost`, the mean; `iqm`, the interquartile mean of the seeds; `minus_nominal`,
+            the mean minus that of the nominal controller, paired.
+        means: Over the seeds: `cost`, `prediction_error`, `violations` (fraction of the episodes
+            that violate a constraint or break a hard spec), and `wall_seconds` and
+            `compute_seconds`, summed over all processes, both including evaluation.
+        choices: What the tuner chose in every seed: start, noise model, recommendation, ...
+    """
+
+    method: Method
+    label: str
+    tuned: bool
+    seeds: tuple[int, ...]
+    missing: tuple[int, ...]
+    not_finite: tuple[int, ...]
+    scores: Scores | None
+    intervals: Mapping[str, Interval | None]
+    means: Mapping[str, MeanStd | None]
+    choices: Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,39 +121,32 @@ def compare(
     collection = collection.of_task(*family(task))
     if variant is not None:
         collection = collection.of_variant(variant)
-    runs = collection.runs
-    if seeds is not None:
-        runs = tuple(run for run in runs if run.seed in seeds or _is_untuned(run))
-    groups = by_method(run for run in runs if run.result is not None)
+    runs = [
+        run for run in collection.runs if seeds is None or run.seed in seeds or _is_untuned(run)
+    ]
+    groups = unmixed(run for run in runs if run.result is not None)
     if not groups:
         raise RunFolderError(f"no finished run of task {task!r}; see the folders left out")
-    for group in groups.values():
-        refuse_mixed(group)
     refuse_unequal([group[0] for group in groups.values()])
     wanted = sorted(seeds if seeds is not None else {r.seed for r in runs if not _is_untuned(r)})
     rows = {m: {run.seed: reached(run, budget) for run in group} for m, group in groups.items()}
     all_rows = [row for found in rows.values() for row in found.values()]
-    episodes = min(len(costs_of(row)) for row in all_rows)
+    episodes = min(len(row["cost_per_episode"]) for row in all_rows)
     expected = _expected(task, groups) if whole_table else set()
     methods = _order({run.method for run in runs} | expected)
     labels = method_labels(methods, tuner_names(runs))
     nominal = next((m for m, group in groups.items() if _is_untuned(group[0])), None)
-    scores = {m: scores_of([*rows[m].values()], groups[m][0].tuned, episodes) for m in groups}
-    summaries = []
-    for method in methods:
-        reference = scores.get(nominal) if nominal and method != nominal else None
-        summaries.append(
-            summary_of(
-                method,
-                labels[method],
-                rows.get(method, {}),
-                wanted,
-                scores.get(method),
-                (labels[nominal], reference) if nominal and reference else None,
-                [run.identity.get("tuner_choices", {}) for run in groups.get(method, [])],
-                random_seed,
-            )
+    scores = {m: _scores(rows[m], groups[m][0].tuned, episodes) for m in groups}
+    reference = None
+    if nominal and (nominal_scores := scores[nominal]):
+        reference = labels[nominal], nominal_scores
+    summaries = [
+        _summary(
+            method, labels[method], groups.get(method, []), rows.get(method, {}), wanted,
+            scores.get(method), None if method == nominal else reference, random_seed,
         )
+        for method in methods
+    ]  # fmt: skip
     known = [(s.label, s.scores) for s in summaries if s.scores is not None]
     notes = [
         *_missing_notes(summaries),
@@ -125,6 +156,80 @@ def compare(
     ]
     return Comparison(
         task, tuple(summaries), claims(known, random_seed), tuple(notes), budget, episodes
+    )
+
+
+def reached(run: Run, budget: int | None = None) -> Mapping[str, Any]:
+    """Return the final record of `run`, or that of its last evaluation within `budget`.
+
+    Raises:
+        RunFolderError: If it was not evaluated within `budget`.
+    """
+    if budget is None or not run.tuned or budget >= run.outcome["env_steps"]:
+        return run.outcome
+    earlier = [row for row in run.evaluations if row["env_steps"] <= budget]
+    if not earlier:
+        raise RunFolderError(f"{run.folder}: no evaluation within {budget} environment steps")
+    return earlier[-1]
+
+
+def _costs(row: Mapping[str, Any]) -> np.ndarray:
+    """Return the cost of each episode of an evaluation, (E,); NaN where none was recorded."""
+    return np.array(row["cost_per_episode"], dtype=np.float64)
+
+
+def _scores(rows: Mapping[int, Mapping[str, Any]], tuned: bool, episodes: int) -> Scores | None:
+    """Return the costs of the first `episodes`, the same in all rows, if they are finite."""
+    costs = np.stack([_costs(row)[:episodes] for row in rows.values()])
+    return Scores(costs, tuned) if np.isfinite(costs).all() else None
+
+
+def _summary(
+    method: Method,
+    label: str,
+    runs: Sequence[Run],
+    rows: Mapping[int, Mapping[str, Any]],
+    wanted: Sequence[int],
+    scores: Scores | None,
+    nominal: tuple[str, Scores] | None,
+    random_seed: int,
+) -> Summary:
+    """Return the summary of a method with its runs, and with what each seed reached."""
+    tuned = scores.tuned if scores is not None else method.tuner != NOMINAL
+    cost = iqm = minus_nominal = None
+    if scores is not None:
+        name = f"analysis {label}"
+        cost = summarise(scores, stream(random_seed, name))
+        iqm = summarise(scores, stream(random_seed, name, 1), statistic=interquartile_mean)
+        if nominal is not None:
+            rng = claim_stream(random_seed, label, nominal[0])
+            minus_nominal = paired_difference(scores, nominal[1], rng)
+
+    def over_seeds(values: Sequence[float]) -> MeanStd | None:
+        # The seeds of a controller that was not tuned are copies.
+        return mean_std(values if tuned else values[:1])
+
+    found = list(rows.values())
+    errors = [r["prediction_error"] for r in found if r.get("prediction_error") is not None]
+    violated = [r["violations"] / len(_costs(r)) for r in found if r.get("violations") is not None]
+    choices = [run.identity.get("tuner_choices", {}) for run in runs] or [{}]
+    return Summary(
+        method=method,
+        label=label,
+        tuned=tuned,
+        seeds=tuple(rows),
+        missing=tuple(s for s in wanted if s not in rows) if tuned else (),
+        not_finite=tuple(s for s, r in rows.items() if not np.isfinite(_costs(r)).all()),
+        scores=scores,
+        intervals={"cost": cost, "iqm": iqm, "minus_nominal": minus_nominal},
+        means={
+            "cost": None if scores is None else over_seeds(scores.per_seed.tolist()),
+            "prediction_error": over_seeds(errors),
+            "violations": over_seeds(violated),
+            "wall_seconds": mean_std([r["wall_seconds"] for r in found]),
+            "compute_seconds": mean_std([r.get("compute_seconds", np.nan) for r in found]),
+        },
+        choices={k: v for k, v in choices[0].items() if all(o.get(k) == v for o in choices)},
     )
 
 
@@ -166,7 +271,7 @@ def _missing_notes(summaries: Sequence[Summary]) -> list[str]:
 
 def _violation_notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     # The log has no violations per episode, so they cannot be counted over the common episodes.
-    numbers = sorted({len(costs_of(r)) for r in rows if r.get("violations") is not None})
+    numbers = sorted({len(_costs(r)) for r in rows if r.get("violations") is not None})
     if len(numbers) < 2:
         return []
     return [

@@ -22,6 +22,7 @@ from scipy.special import ndtr, ndtri, stdtrit
 Statistic = Callable[[np.ndarray], np.ndarray]
 """Reduces the last axis, seeds, to one number: (..., S) -> (...)."""
 
+LEVEL = 0.95
 RESAMPLES = 10_000
 MIN_SEEDS = 5
 """The range of n seeds holds their distribution's median with probability 1 - 2^(1 - n)."""
@@ -62,9 +63,8 @@ class Scores:
         return self.costs.mean(axis=1)
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """An estimate and its confidence interval; NaN bounds if the data are too few for one."""
+class Interval(NamedTuple):
+    """An estimate and its 95% confidence interval; NaN bounds if the data are too few for one."""
 
     estimate: float
     low: float
@@ -117,35 +117,27 @@ def summarise(
     rng: np.random.Generator,
     *,
     statistic: Statistic = mean,
-    level: float = 0.95,
     resamples: int = RESAMPLES,
 ) -> Interval:
     """Return `statistic` over seeds of the mean cost, and its two-level interval."""
     (drawn,) = _bootstrap([scores], rng, statistic, resamples)
-    estimate = float(statistic(scores.per_seed))
-    return _interval(estimate, drawn, [scores], level)
+    return _interval(float(statistic(scores.per_seed)), drawn, [scores])
 
 
 def paired_difference(
-    a: Scores,
-    b: Scores,
-    rng: np.random.Generator,
-    *,
-    statistic: Statistic = mean,
-    level: float = 0.95,
-    resamples: int = RESAMPLES,
+    a: Scores, b: Scores, rng: np.random.Generator, *, resamples: int = RESAMPLES
 ) -> Interval:
-    """Return statistic(a) - statistic(b) on the same episodes, and its two-level interval.
+    """Return the mean cost of `a` minus that of `b` on the same episodes, with its interval.
 
     Raises:
         ValueError: If the two did not meet the same number of episodes.
     """
-    drawn_a, drawn_b = _bootstrap([a, b], rng, statistic, resamples)
-    estimate = float(statistic(a.per_seed) - statistic(b.per_seed))
-    return _interval(estimate, drawn_a - drawn_b, [a, b], level)
+    drawn_a, drawn_b = _bootstrap([a, b], rng, mean, resamples)
+    estimate = float(mean(a.per_seed) - mean(b.per_seed))
+    return _interval(estimate, drawn_a - drawn_b, [a, b])
 
 
-def probability_of_improvement(a: np.ndarray, b: np.ndarray, *, level: float = 0.95) -> Interval:
+def probability_of_improvement(a: np.ndarray, b: np.ndarray) -> Interval:
     """Return the probability that a seed of `a` costs less than one of `b`; ties count half.
 
     The interval is a score interval, Newcombe, Statistics in Medicine 25 (2006) 559, method 5:
@@ -154,30 +146,18 @@ def probability_of_improvement(a: np.ndarray, b: np.ndarray, *, level: float = 0
     Args:
         a: Costs per seed, (m,).
         b: Costs per seed, (n,).
-        level: Confidence level.
     """
     m, n = len(a), len(b)
     less = np.less.outer(a, b) + 0.5 * np.equal.outer(a, b)
     estimate = float(less.mean())
     spare = 0.5 * (m + n) - 1.0
-    x = ndtri(0.5 + level / 2)
+    x = ndtri(0.5 + LEVEL / 2)
 
     def too_far(theta: float) -> bool:
         factor = 1 + spare * (1 - theta) / (2 - theta) + spare * theta / (1 + theta)
         return abs(estimate - theta) > x * np.sqrt(theta * (1 - theta) * factor / (m * n))
 
     return Interval(estimate, _edge(too_far, 0.0, estimate), _edge(too_far, 1.0, estimate))
-
-
-def step_value(
-    steps: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray, budget: float
-) -> float:
-    """Return the last of `values` that was measured within `budget`, NaN if there is none.
-
-    Between two evaluations the earlier one counts.
-    """
-    index = int(np.searchsorted(np.asarray(steps), budget, side="right")) - 1
-    return float(values[index]) if index >= 0 else float("nan")
 
 
 def _bootstrap(
@@ -197,14 +177,12 @@ def _bootstrap(
     return drawn
 
 
-def _interval(
-    estimate: float, drawn: np.ndarray, groups: Sequence[Scores], level: float
-) -> Interval:
+def _interval(estimate: float, drawn: np.ndarray, groups: Sequence[Scores]) -> Interval:
     tuned = [len(group.costs) for group in groups if group.tuned]
     n = min(tuned) if tuned else groups[0].costs.shape[1]
     if n < MIN_SEEDS:
         return Interval(estimate, float("nan"), float("nan"))
-    tail = ndtr(-stdtrit(n - 1, 0.5 + level / 2) * np.sqrt(n / (n - 1)))
+    tail = ndtr(-stdtrit(n - 1, 0.5 + LEVEL / 2) * np.sqrt(n / (n - 1)))
     low, high = np.quantile(drawn, [tail, 1 - tail])
     return Interval(estimate, float(low), float(high))
 

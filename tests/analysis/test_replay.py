@@ -221,7 +221,7 @@ def test_a_limit_that_is_in_view_has_an_entry_and_dashes_of_its_own() -> None:
     segments = replay.demonstrate(task, [GAINS, wild])
     looks = {"Before": style.BEFORE, "After": style.AFTER}
     loops = [
-        trajectories.Loop(name, look, segment)
+        trajectories.Loop(name, look, segment, task.traces(segment))
         for (name, look), segment in zip(looks.items(), segments, strict=True)
     ]
     figure = trajectories.draw(task, loops, "")

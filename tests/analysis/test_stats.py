@@ -11,10 +11,8 @@ from zoac.analysis.statistics.stats import (
     Interval,
     Scores,
     interquartile_mean,
-    mean,
     paired_difference,
     probability_of_improvement,
-    step_value,
     summarise,
 )
 
@@ -160,13 +158,3 @@ def test_complete_separation_is_not_certainty() -> None:
     interval = probability_of_improvement(np.arange(5.0), np.arange(5.0) + 10)
     assert interval.estimate == interval.high == 1.0
     assert 0.5 < interval.low < 0.9
-
-
-def test_step_value_never_looks_ahead() -> None:
-    steps, values = [0, 100, 200], [9.0, 5.0, 4.0]
-    assert [step_value(steps, values, budget) for budget in (0, 99, 100, 1e6)] == [9, 9, 5, 4]
-    assert np.isnan(step_value([10], [1.0], 5))
-
-
-def test_mean_is_over_the_last_axis() -> None:
-    np.testing.assert_array_equal(mean(np.array([[1.0, 3.0], [2.0, 4.0]])), [2.0, 3.0])

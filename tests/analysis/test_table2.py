@@ -145,7 +145,7 @@ def test_the_table_and_the_claims_tell_the_same_difference_to_nominal(sweep: Pat
         against = [
             c for c in comparison.claims if (c.first, c.second) == (summary.label, "Nominal")
         ]
-        assert [summary.minus_nominal] == ([c.difference for c in against] or [None])
+        assert [summary.intervals["minus_nominal"]] == ([c.difference for c in against] or [None])
 
 
 def test_four_seeds_carry_no_claim(sweep: Path) -> None:
@@ -162,8 +162,9 @@ def test_csv_keeps_ten_digits(sweep: Path) -> None:
     comparison = compare(load(sweep), "pid_acc")
     frame = pd.read_csv(io.StringIO(csv(comparison)))
     for summary, (_, line) in zip(comparison.summaries[:3], frame.iterrows(), strict=False):
-        assert summary.cost is not None
-        expected = summary.cost.estimate, summary.cost.low
+        cost = summary.intervals["cost"]
+        assert cost is not None
+        expected = cost.estimate, cost.low
         assert (line["cost"], line["cost_low"]) == pytest.approx(expected, rel=1e-9)
 
 
@@ -179,12 +180,13 @@ def test_latex_has_a_cell_for_every_column(tmp_path: Path) -> None:
 def test_at_a_smaller_budget_a_run_counts_as_it_stood_then(sweep: Path) -> None:
     comparison = compare(load(sweep), "pid_acc", budget=499)
     zoac, nominal = comparison.summaries[0], comparison.summaries[-1]
-    assert zoac.cost_std is not None
-    assert zoac.cost_std.mean == 50.0
+    mean_std, cost = zoac.means["cost"], nominal.intervals["cost"]
+    assert mean_std is not None
+    assert mean_std.mean == 50.0
     # Two episodes then; the nominal controller's first two are the same ones.
     assert comparison.episodes == 2
-    assert nominal.cost is not None
-    assert nominal.cost.estimate == pytest.approx(3.0)
+    assert cost is not None
+    assert cost.estimate == pytest.approx(3.0)
 
 
 def test_times_of_different_machines_are_flagged(sweep: Path) -> None:
@@ -240,7 +242,7 @@ def test_fractions_in_violation_compare_between_evaluations_of_different_length(
     )
     write_run(tmp_path, "nominal", evaluations=(), result={"violations": 2})
     comparison = compare(load(tmp_path), "pid_acc", budget=500)
-    shares = [s.violations.mean for s in comparison.summaries if s.violations]
+    shares = [v.mean for s in comparison.summaries if (v := s.means["violations"])]
     assert shares == [0.5, 0.5]  # one episode of two, two of four
     (note,) = [note for note in comparison.notes if "violation" in note]
     assert "all episodes of each evaluation, 2 to 4" in note
