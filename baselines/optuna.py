@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
 from copy import deepcopy
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.special import ndtri
-from scipy.stats import rankdata
 
 from zoac.baselines.bo import kept_observations
 from zoac.baselines.episode_tuner import EpisodeTuner
+from zoac.baselines.extras.model_tuner import normal_scores, params_of, point_of
 from zoac.core.errors import ConfigError
-from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.core.parameters import Parameter
 from zoac.core.state import OwnObject
 from zoac.core.tuner import Problem
 from zoac.core.types import Count
@@ -139,29 +137,6 @@ def _distribution(p: Parameter) -> Any:
     return optuna.distributions.FloatDistribution(-1.0, 1.0)
 
 
-def params_of(x: np.ndarray, space: ParameterSpace) -> dict[str, float | int]:
-    """Return a normalised point (d,) as Optuna's parameters, choices as positions."""
-    values = space.values(x)
-    params: dict[str, float | int] = {}
-    for p, columns, value in zip(space.parameters, space.columns, values, strict=True):
-        if p.kind == "choice":
-            params[p.name] = int(x[columns].argmax())
-        else:
-            params[p.name] = int(value) if p.kind == "integer" else float(x[columns][0])
-    return params
-
-
-def point_of(params: Mapping[str, float | int], space: ParameterSpace) -> np.ndarray:
-    """Return the rounded normalised point (d,) of Optuna's parameters."""
-    x = np.full(space.dimension, -1.0)
-    for p, columns in zip(space.parameters, space.columns, strict=True):
-        if p.kind == "choice":
-            x[columns.start + int(params[p.name])] = 1.0
-        else:
-            x[columns] = p.centre(params[p.name]) if p.kind == "integer" else params[p.name]
-    return x
-
-
 def _sampler(kind: str, initial_design: int, seed: int) -> Any:
     if kind == "gp":
         return optuna.samplers.GPSampler(seed=seed, n_startup_trials=initial_design)
@@ -170,11 +145,6 @@ def _sampler(kind: str, initial_design: int, seed: int) -> Any:
         return optuna.samplers.TPESampler(
             seed=seed, n_startup_trials=initial_design, multivariate=True, constant_liar=True
         )
-
-
-def normal_scores(values: np.ndarray) -> np.ndarray:
-    """Return the standard normal quantiles (n,) of the ranks of `values` (n,); ties are equal."""
-    return ndtri((rankdata(values) - 0.5) / max(len(values), 1))
 
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)  # a study of its own for each batch

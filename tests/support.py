@@ -29,6 +29,14 @@ from zoac.rollout.task import Task
 from zoac.runs import checkpoint
 
 
+def needs_its_library(target: str) -> None:
+    """Skip the test if a tuner, by its `_target_`, is an extra whose library is not installed."""
+    _, extra, rest = target.partition("zoac.baselines.extras.")
+    if extra:
+        library = rest.partition(".")[0]
+        pytest.importorskip(library, reason=f"{target} needs zoac[{library}]")
+
+
 class CountingVecEnv(ArrayVecEnv):
     """Observation: (episode number of the environment, step, the episode's random number).
 

@@ -65,6 +65,8 @@ LOOKS = {
     "random": Look("#999933", _dashes(3, 3, 1, 3), "<"),
     "nevergrad": Look("#882255", _dashes(2, 1), ">"),
     "optuna": Look("#7F4F24", _dashes(3, 1, 3, 1, 1, 1), "p"),
+    "botorch": Look("#44AA99", _dashes(8, 2, 1, 2, 1, 2), "+"),
+    "smac": Look("#CC6677", _dashes(4, 1, 4, 3), "1"),
     "halving": Look("#6A3D9A", _dashes(5, 2, 2, 2), "8"),
     "nominal": NOMINAL,
 }

@@ -29,8 +29,12 @@ NAMES = sorted(path.stem for path in (CONF / "tuner").glob("*.yaml"))
 NEED_A_PICKLE = {"bo", "optuna"}  # docs/resuming.md names them
 SEARCHING = [name for name in NAMES if name != "nominal"]
 # Asks of bo are slow. The other sampler of optuna runs in test_bayes.py.
-EPISODES = {"bo": 25, "optuna": 100, "cmaes": 400, "nevergrad": 300}
-OPTIONS = {"optuna": {"sampler": "tpe"}}
+EPISODES = {"bo": 25, "optuna": 100, "cmaes": 400, "nevergrad": 300, "botorch": 30, "smac": 40}
+OPTIONS = {
+    "optuna": {"sampler": "tpe"},
+    "botorch": {"initial_design": 5},
+    "smac": {"initial_design": 5},
+}
 
 
 def make(name, seed=0, episodes=None):
@@ -47,7 +51,7 @@ def make(name, seed=0, episodes=None):
 
 def short(name):
     """Steps that show a tuner past its first batches."""
-    return STEPS * {"bo": 8, "optuna": 30}.get(name, 60)
+    return STEPS * {"bo": 8, "optuna": 30, "botorch": 10, "smac": 10}.get(name, 60)
 
 
 def same(one, other):

@@ -5,9 +5,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.baselines.support import NUM_ENVS, STEPS, TARGET, Quadratic, drive, problem
+from tests.baselines.support import (
+    NUM_ENVS,
+    STEPS,
+    TARGET,
+    Quadratic,
+    drive,
+    problem,
+    tuner_config,
+)
+from tests.support import needs_its_library
 from zoac.baselines.bo import BayesOpt, rounded_points
 from zoac.baselines.optuna import Optuna, params_of, point_of
+from zoac.config.validate import locate
 from zoac.core.parameters import Parameter, ParameterSpace, choice, integer
 from zoac.rollout.engine import RolloutEngine
 
@@ -58,6 +68,15 @@ def test_the_best_values_are_found(tuner):
     found = Mixed.space.values(tuner.recommend())
     assert found[2:].tolist() == [0.0, 0.5, -0.1]
     assert np.abs(found[:2] - TARGET[:2]).max() < 0.4
+
+
+@pytest.mark.parametrize("name", ["botorch", "smac"])
+def test_a_librarys_model_that_is_made_anew_finds_them_too(name):
+    target = tuner_config(name)["_target_"]
+    needs_its_library(target)
+    tuner, group = make(locate(target, "tuner"))
+    drive(tuner, group, 60 * STEPS)
+    assert Mixed.space.values(tuner.recommend())[2:].tolist() == [0.0, 0.5, -0.1]
 
 
 def test_optuna_knows_them_by_their_own_kinds():

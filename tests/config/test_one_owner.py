@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
+from tests.support import needs_its_library
 from zoac.config.compose import compose_config, resolved
 from zoac.config.files import choices, configuration
 from zoac.config.settings import Settings
@@ -45,6 +46,7 @@ def plain(value):
 def test_the_file_of_a_class_states_its_defaults(node):
     if node["_target_"].endswith("ray.Ray"):
         pytest.importorskip("ray", reason="executor=ray needs zoac[ray]")
+    needs_its_library(node["_target_"])
     module, _, name = node["_target_"].rpartition(".")
     arguments, _ = _signature(getattr(importlib.import_module(module), name))
     stated = {k: v for k, v in node.items() if k in arguments and not is_choice(v)}
@@ -61,6 +63,7 @@ def is_choice(value):
 @pytest.mark.parametrize("tuner", choices("tuner"))
 def test_every_option_of_a_tuner_is_in_its_file(tuner):
     node = configuration(task=None, tuner=tuner)["tuner"]
+    needs_its_library(node["_target_"])
     module, _, name = node["_target_"].rpartition(".")
     arguments, _ = _signature(getattr(importlib.import_module(module), name))
     assert set(node) - {"_target_"} == set(arguments) - {"self", "problem"}

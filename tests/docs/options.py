@@ -31,6 +31,9 @@ GROUPS = {
     "mpc_solver": "Solvers of the MPC",
 }
 
+LIBRARIES = ("ray", "smac")
+"""Choices whose library is in no extra that the tests install: their files are read instead."""
+
 HEAD = """\
 # Options
 
@@ -73,7 +76,7 @@ def section(group: str) -> Iterator[str]:
             told = ", ".join(f"`{k}={text(v)}`" for k, v in own.items() if k != "defaults")
             yield textwrap.fill(f"As `{group}={own['defaults'][0]}`, with {told}.", 100) + "\n"
             continue
-        if name == "ray":  # its class cannot be imported without Ray
+        if name in LIBRARIES:  # the class cannot be imported without its library
             listed = list(rows_of_file(CONF / group / f"{name}.yaml", f"{group}."))
         else:
             module, _, last = choice(group, name)["_target_"].rpartition(".")

@@ -12,6 +12,8 @@ import pandas as pd
 import pytest
 
 import zoac
+from tests.support import needs_its_library
+from zoac.config.files import configuration
 from zoac.core.errors import (
     ConfigError,
     NothingWorksError,
@@ -59,6 +61,7 @@ def asked(made):
 
 @pytest.mark.parametrize("tuner", TUNERS)
 def test_every_experiment_is_asked_once_and_the_baseline_first(tuner, tmp_path):
+    needs_its_library(configuration(task=None, tuner=tuner)["tuner"]["_target_"])
     made = study(tmp_path, tuner=tuner)
     calls = []
     for trial in made:

@@ -10,7 +10,7 @@ import pytest
 
 import zoac
 from tests.envs.test_adapters import Drift, Integrator
-from tests.support import with_a_trap
+from tests.support import needs_its_library, with_a_trap
 from zoac.config import factory
 from zoac.config.compose import compose_config, resolved
 from zoac.core.measures import CLOCKS
@@ -19,6 +19,9 @@ from zoac.training.lifecycle import Run, execute
 
 CONF = Path(__file__).parents[2] / "conf"
 NEED_A_PICKLE = {"bo", "optuna"}
+MODELS = {"botorch": ["tuner.initial_design=4"], "smac": ["tuner.initial_design=4"]}
+"""Options of tuners whose model takes its time: few random points before it, few after."""
+
 TERMS = {
     "plain": [],
     "tested": ["acceptance_test=0.3"],
@@ -37,6 +40,7 @@ def names(group):
 def run(folder, *overrides):
     config = resolved(compose_config([*SMALL, *overrides]))
     settings, task = factory.build_settings(config), factory.build_task(config)
+    needs_its_library(config["tuner"]["_target_"])
     tuner = factory.build_tuner(config["tuner"], task, settings)
     identity = {"task": "t", "tuner": "x", "seed": 0}
     made = Run(identity, config, [], task, tuner, factory.build_executor(config), settings, [])
@@ -79,9 +83,10 @@ def test_no_task_of_zoac_needs_a_pickle(task, tmp_path, stopping, monkeypatch):
 def test_no_other_tuner_of_zoac_needs_a_pickle(tuner, terms, tmp_path, stopping, monkeypatch):
     if terms == "sampled" and tuner == "random":
         pytest.skip("takes no start")
+    budget, after = ("budget=200", 4) if tuner in MODELS else ("budget=1500", 2)
     whole, resumed = stopped_and_resumed(
-        tmp_path, stopping, monkeypatch,
-        "task=pid_acc", f"tuner={tuner}", "budget=1500", *TERMS[terms], after=2,
+        tmp_path, stopping, monkeypatch, "task=pid_acc", f"tuner={tuner}", budget, *TERMS[terms],
+        *MODELS.get(tuner, []), after=after,
     )  # fmt: skip
     assert resumed == whole
 

@@ -66,8 +66,8 @@ class Study:
             space: Bounds by name, as `zoac.tune` takes them; None: open the study in `folder`,
                 whatever its other settings are.
             folder: Its folder, in which a study of the same settings continues; None: temporary.
-            tuner: "bo", "cmaes", "cmaes_full", "es", "halving", "nevergrad", "optuna", "random";
-                "auto": Bayesian optimisation for one worker and few experiments, else CMA-ES.
+            tuner: "bo", "botorch", "cmaes", "cmaes_full", "es", "halving", "nevergrad", "optuna",
+                "random", "smac"; "auto": "bo" for one worker and few experiments, else CMA-ES.
             experiments: Number of experiments, failed and abandoned ones included.
             seed: Seed of all random numbers.
             workers: Number of experiments that the tuner plans at a time. More may be under way

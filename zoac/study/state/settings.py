@@ -16,7 +16,10 @@ from zoac.specs.spec import Spec
 from zoac.specs.trace import as_plain, from_plain
 from zoac.tasks.user_space import parse_space
 
-TUNERS = ("bo", "cmaes", "cmaes_full", "es", "halving", "nevergrad", "nominal", "optuna", "random")
+TUNERS = (
+    "bo", "botorch", "cmaes", "cmaes_full", "es", "halving", "nevergrad", "nominal", "optuna",
+    "random", "smac",
+)  # fmt: skip
 """Tuners that need no more of an experiment than its cost."""
 
 BO_EXPERIMENTS, BO_DIMENSION = 200, 4
