@@ -72,11 +72,12 @@ class ModelTuner(EpisodeTuner):
             costs = self._costs.prices(self._seen)
             kept = kept_observations(-costs, self._max_observations)
             seed = int(self._rng.integers(2**31))
-            found = self._suggest(self._points[kept], normal_scores(costs[kept]), count, seed)
+            observed = space.rounded(self._points[kept])
+            found = self._suggest(observed, normal_scores(costs[kept]), count, seed)
             points[: len(found)] = found
-        elif not len(self._seen) and not len(self._asked):
-            points[0] = self._first
         points = space.rounded(points)
+        if not len(self._seen) and not len(self._asked):
+            points[0] = self._first
         self._asked = np.concatenate([self._asked, points])
         return list(points)
 

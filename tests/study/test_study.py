@@ -39,7 +39,8 @@ def cost(p):
     return (p["kp"] - 3.0) ** 2 + p["ki"] + (p["mode"] == "slow")
 
 
-QUICK = {"optuna": {"initial_design": 25}, "bo": {"initial_design": 20}}
+QUICK = {name: {"initial_design": 25} for name in ("optuna", "botorch", "smac")}
+QUICK["bo"] = {"initial_design": 20}
 """Fewer models, which take the time."""
 
 
