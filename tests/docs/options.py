@@ -31,9 +31,6 @@ GROUPS = {
     "mpc_solver": "Solvers of the MPC",
 }
 
-LIBRARIES = ("ray", "smac")
-"""Choices whose library is in no extra that the tests install: their files are read instead."""
-
 HEAD = """\
 # Options
 
@@ -76,10 +73,13 @@ def section(group: str) -> Iterator[str]:
             told = ", ".join(f"`{k}={text(v)}`" for k, v in own.items() if k != "defaults")
             yield textwrap.fill(f"As `{group}={own['defaults'][0]}`, with {told}.", 100) + "\n"
             continue
-        if name in LIBRARIES:  # the class cannot be imported without its library
+        if name == "ray":  # its class cannot be imported without Ray
             listed = list(rows_of_file(CONF / group / f"{name}.yaml", f"{group}."))
         else:
-            module, _, last = choice(group, name)["_target_"].rpartition(".")
+            target = choice(group, name)["_target_"]
+            if ".extras." in target:  # the class needs its library, and has its base's options
+                target = "zoac.baselines.extras.model_tuner.ModelTuner"
+            module, _, last = target.rpartition(".")
             listed = list(rows(getattr(importlib.import_module(module), last), f"{group}."))
         yield from table(listed) if listed else ["No options."]
         yield ""
