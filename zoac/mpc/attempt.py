@@ -8,7 +8,7 @@ import time
 import numpy as np
 
 from zoac.mpc.compiled import compiled
-from zoac.mpc.problem import PER_ENV, LinearisedProblem, Solution, Solver, Status
+from zoac.mpc.problem import LinearisedProblem, Solution, Solver, Status
 
 # As plain numbers: comparing an array with a member of an enum takes five times as long.
 _SOLVED, _NOT_FINITE = int(Status.SOLVED), int(Status.NOT_FINITE)
@@ -26,7 +26,7 @@ class Attempt:
         self._solver = solver
         self._problem = problem
         self.seconds = 0.0
-        finite = None if solver.screens else _finite(problem)
+        finite = None if solver.screens else _finite(*(a.reshape(len(a), -1) for a in problem.data))
         if finite is None or finite.all():
             answer = self._timed(problem)
             self.inputs, self.status = answer.inputs, answer.status
@@ -56,27 +56,14 @@ class Attempt:
         return answer
 
 
-def _finite(problem: LinearisedProblem) -> np.ndarray:
-    """Return for each environment (n,) whether all its numbers are finite."""
-    n = len(problem.a)
-    return _finite_rows(*[getattr(problem, name).reshape(n, -1) for name in PER_ENV])
-
-
 @compiled()
-def _finite_rows(
-    a: np.ndarray,
-    b: np.ndarray,
-    c: np.ndarray,
-    d: np.ndarray,
-    e: np.ndarray,
-    f: np.ndarray,
-    g: np.ndarray,
-) -> np.ndarray:
-    finite = np.ones(len(a), dtype=np.bool_)
-    for env_index in range(len(a)):
-        for rows in (a, b, c, d, e, f, g):
+def _finite(*arrays: np.ndarray) -> np.ndarray:
+    """Return for each row (n,) of all `arrays` (n, ...) whether its numbers are finite."""
+    finite = np.ones(len(arrays[0]), dtype=np.bool_)
+    for env_index in range(len(finite)):
+        for array in arrays:
             bad = 0
-            for i in range(rows.shape[1]):
-                bad += not np.isfinite(rows[env_index, i])
+            for i in range(array.shape[1]):
+                bad += not np.isfinite(array[env_index, i])
             finite[env_index] &= bad == 0
     return finite

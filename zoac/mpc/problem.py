@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -140,6 +141,16 @@ class LinearisedProblem:
     sparsity: Sparsity | None = None
     bounds: StateBounds | None = None
 
+    @property
+    def data(self) -> tuple[np.ndarray, ...]:
+        """The arrays that `PER_ENV` names."""
+        return _DATA(self)
+
+    @property
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """The bounds of the inputs."""
+        return self.input_low, self.input_high
+
     def take(self, rows: np.ndarray) -> LinearisedProblem:
         """Return the problems of some environments, by mask or index."""
         some = {name: getattr(self, name)[rows] for name in PER_ENV}
@@ -149,6 +160,8 @@ class LinearisedProblem:
 
 PER_ENV = ("states", "inputs", "a", "b", "reference", "state_weights", "input_weights")
 """Arrays of a `LinearisedProblem` that have one row for each environment."""
+
+_DATA = attrgetter(*PER_ENV)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -277,15 +277,7 @@ class SequentialQp:
 
 
 def check_solver(solver: Solver, what: str) -> None:
-    """See that a solver takes bounds on states, if there is anything that needs them.
-
-    Args:
-        solver: The solver.
-        what: What needs them, for the message; empty: nothing does.
-
-    Raises:
-        ConfigError: If it does not.
-    """
+    """Raise ConfigError if `what` needs bounds on states and the solver takes none; "": nothing."""
     if what and not solver.bounds_states:
         raise ConfigError(
             f"the solver {type(solver).__name__.lower()} takes bounds on inputs alone, not {what}; "

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,10 +15,16 @@ from zoac.mpc.controller.numbers import Numbers, by_name
 from zoac.mpc.controller.outputs import ModelWithOutputs
 from zoac.mpc.controller.programme import Programme
 from zoac.mpc.controller.reference import Reference
+from zoac.mpc.models.dynamics import made_of
 from zoac.mpc.problem import Solver
 from zoac.mpc.sqp import About, MpcOptions, SequentialQp, check_solver, shifted
 
-SOLVERS = ("clarabel", "cvxpy", "riccati")
+SOLVERS = {
+    "clarabel": "clarabel_qp.ClarabelSolver",
+    "cvxpy": "cvxpy_qp.CvxpySolver",
+    "riccati": "riccati.Riccati",
+}
+"""Name -> module and class; each loads its own library."""
 
 UNDAMPED = 10
 """Linearisations after which plans are averaged; see `SequentialQp`."""
@@ -99,27 +106,31 @@ class Mpc:
         """
         self._given = {k: v for k, v in locals().items() if k not in ("self", "model", "__class__")}
         self.model = model
-        self._options = MpcOptions(horizon, linearisations, initial_guess)
+        self.options = MpcOptions(horizon, linearisations, initial_guess)
         self.numbers = numbers = Numbers()
         for name, value in model.parameters.items():
             numbers.add("model", name, value)
-        self._programme = Programme(
+        self.programme = Programme(
             model, horizon, numbers, weights=weights, terminal=terminal, rate_weights=rate_weights,
             bounds=bounds, rate_bounds=rate_bounds, hard=hard, penalty=penalty, discount=discount,
         )  # fmt: skip
-        self._reference = Reference(reference, model.states, model.inputs, horizon, numbers)
-        self._state = _state_reader(state, len(model.states))
+        self.reference = Reference(reference, model.states, model.inputs, horizon, numbers)
         columns = range(len(model.states)) if state is None else state
-        self._columns = None if callable(columns) else list(columns)
+        self.columns = None if callable(columns) else list(columns)
+        """Columns of the observation that are the state; None: a function computes it."""
+        if self.columns is not None and len(self.columns) != len(model.states):
+            expected = f"{len(model.states)} columns of the observation"
+            raise ConfigError(f"state={state!r}: expected {expected}")
         before = by_name("initial_input", initial_input, model.inputs)
-        self._before = self._programme.clip(np.array([before.get(i, 0.0) for i in model.inputs]))
+        self.before = self.programme.clip(np.array([before.get(i, 0.0) for i in model.inputs]))
+        """The input (nu,) before the first step."""
         self._solver = _solver(solver)
         self._searches: dict[frozenset[str], tuple[ModelWithOutputs, SequentialQp]] = {}
         self._search(frozenset())
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A copy is built anew: compiled programmes and CasADi's buffers are left behind.
-        return _mpc, (self.model, self._given)
+        return made_of, (type(self), {"model": self.model, **self._given})
 
     def space(self, *names: str, within: float = 100.0, **bounds: Any) -> dict[str, dict[str, Any]]:
         """Return bounds of what is tuned, for `zoac.tune(space=...)`; today's values are in it.
@@ -139,16 +150,16 @@ class Mpc:
             ConfigError: If a name is unknown, or today's value lies outside.
         """
         space = self.numbers.space(names, within, bounds)
-        self._programme.check_space(space)
+        self.programme.check_space(space)
         return space
 
     def init(self, n: int) -> Memory:
         """Return what n controllers remember: their plan if it is shifted, inputs for rates."""
         memory = {}
-        if self._options.initial_guess == "shifted":
-            memory["plan"] = np.full((n, self._options.horizon, len(self.model.inputs)), np.nan)
-        if self._programme.rates:
-            memory["input"] = np.tile(self._before, (n, 1))
+        if self.options.initial_guess == "shifted":
+            memory["plan"] = np.full((n, self.options.horizon, len(self.model.inputs)), np.nan)
+        if self.programme.rates:
+            memory["input"] = np.tile(self.before, (n, 1))
         return memory
 
     def act(
@@ -163,10 +174,10 @@ class Mpc:
         Raises:
             ControllerError: If observations do not fit the model or the reference.
         """
-        n, programme = len(obs), self._programme
+        n, programme = len(obs), self.programme
         values = self.numbers.rows(params, n)
         state = self._state(obs)
-        reference, rest = self._reference(obs, values)
+        reference, rest = self.reference(obs, values)
         rest = programme.clip(rest)
         tuned = programme.tuned_bounds(params)
         outputs, search = self._search(tuned)
@@ -197,31 +208,43 @@ class Mpc:
             ConfigError: If something of the controller has no form in C.
         """
         from zoac.mpc.export.code import write_c
-        from zoac.mpc.export.of_mpc import embedded
+        from zoac.mpc.export.embedded import of_mpc
 
-        parts = self._programme, self._reference, self._options, self._columns, self._before
-        return write_c(embedded(self.model, self.numbers, *parts, parameters, observation), path)
+        return write_c(of_mpc(self, parameters, observation), path)
 
     def _search(self, tuned: frozenset[str]) -> tuple[ModelWithOutputs, SequentialQp]:
         """Return the search for a plan where the bounds of these inputs are tuned."""
         if tuned not in self._searches:
-            copies = set(tuned) | self._reference.of_inputs
-            outputs = self._programme.outputs(copies)
-            check_solver(self._solver, self._programme.bounded(tuned))
-            search = SequentialQp(outputs, self._solver, self._options.linearisations, UNDAMPED)
+            copies = set(tuned) | self.reference.of_inputs
+            outputs = self.programme.outputs(copies)
+            check_solver(self._solver, self.programme.bounded(tuned))
+            search = SequentialQp(outputs, self._solver, self.options.linearisations, UNDAMPED)
             self._searches[tuned] = outputs, search
         return self._searches[tuned]
 
+    def _state(self, obs: np.ndarray) -> np.ndarray:
+        """Return the states (n, nx) that observations (n, o) tell."""
+        nx = len(self.model.states)
+        if self.columns is None:
+            states = np.asarray(self._given["state"](obs), dtype=np.float64)
+            if states.shape != (len(obs), nx):
+                raise ControllerError(
+                    f"state=...: expected states of shape {(len(obs), nx)}, got {states.shape}"
+                )
+            return states
+        if max(self.columns) >= obs.shape[1]:
+            raise ControllerError(
+                f"the model has {nx} states, the observation {obs.shape[1]} numbers; say by "
+                "state=... how the state is read from it"
+            )
+        return obs[:, self.columns]
+
     def _guess(self, rest: np.ndarray, memory: Memory) -> np.ndarray:
-        guess = np.repeat(rest[:, None], self._options.horizon, axis=1)
+        guess = np.repeat(rest[:, None], self.options.horizon, axis=1)
         if "plan" not in memory:
             return guess
         last = shifted(memory["plan"])
         return np.where(np.isnan(last), guess, last)
-
-
-def _mpc(model: Any, given: dict[str, Any]) -> Mpc:
-    return Mpc(model, **given)
 
 
 def _solver(given: str | Solver) -> Solver:
@@ -229,42 +252,5 @@ def _solver(given: str | Solver) -> Solver:
         return given
     if given not in SOLVERS:
         raise ConfigError(f"solver={given!r}: {suggest(given, SOLVERS)}")
-    # Each loads its own library.
-    if given == "riccati":
-        from zoac.mpc.solvers.riccati import Riccati
-
-        return Riccati()
-    if given == "cvxpy":
-        from zoac.mpc.solvers.cvxpy_qp import CvxpySolver
-
-        return CvxpySolver()
-    from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
-
-    return ClarabelSolver()
-
-
-def _state_reader(
-    given: Iterable[int] | Callable[[np.ndarray], np.ndarray] | None, nx: int
-) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the function that reads states (n, nx) from observations (n, o)."""
-    columns = list(range(nx) if given is None else given) if not callable(given) else []
-    if not callable(given) and len(columns) != nx:
-        raise ConfigError(f"state={given!r}: expected {nx} columns of the observation")
-
-    def read(obs: np.ndarray) -> np.ndarray:
-        if callable(given):
-            states = np.asarray(given(obs), dtype=np.float64)
-        elif max(columns) < obs.shape[1]:
-            states = obs[:, columns]
-        else:
-            raise ControllerError(
-                f"the model has {nx} states, the observation {obs.shape[1]} numbers; say by "
-                "state=... how the state is read from it"
-            )
-        if states.shape != (len(obs), nx):
-            raise ControllerError(
-                f"state=...: expected states of shape {(len(obs), nx)}, got {states.shape}"
-            )
-        return states
-
-    return read
+    module, _, name = SOLVERS[given].partition(".")
+    return getattr(import_module(f"zoac.mpc.solvers.{module}"), name)()

@@ -11,8 +11,7 @@ import numpy as np
 from zoac.core.errors import ConfigError, suggest
 from zoac.mpc.controller.numbers import Numbers, by_name
 from zoac.mpc.controller.outputs import ModelWithOutputs
-from zoac.mpc.controller.terminal import RiccatiWeights
-from zoac.mpc.controller.weights import Matrix, Values, factors
+from zoac.mpc.controller.weights import CostToGo, Matrix, Values, factors
 from zoac.mpc.problem import PENALTY, StateBounds
 from zoac.mpc.sqp import Objective
 
@@ -40,18 +39,7 @@ class Programme:
         discount: float,
     ) -> None:
         """
-        Args:
-            model: The model.
-            horizon: N.
-            numbers: Gets all numbers.
-            weights: This and all else: see `zoac.mpc.Mpc`.
-            terminal: Likewise.
-            rate_weights: Likewise.
-            bounds: Likewise.
-            rate_bounds: Likewise.
-            hard: Likewise.
-            penalty: Likewise.
-            discount: Likewise.
+        Add all numbers to `numbers`; see `zoac.mpc.Mpc`.
 
         Raises:
             ConfigError: If something cannot be used.
@@ -63,11 +51,11 @@ class Programme:
         if isinstance(terminal, str):
             if terminal != "riccati":
                 raise ConfigError(f"terminal={terminal!r}: {suggest(terminal, ['riccati'])}")
-            self._terminal: Matrix | RiccatiWeights | None = RiccatiWeights()
+            self._terminal: Matrix | CostToGo | None = CostToGo()
         else:
             given = by_name("terminal", terminal, states)
             self._terminal = Matrix("terminal", given, states, numbers) if given else None
-        self.of_regulator = isinstance(self._terminal, RiccatiWeights)
+        self.of_regulator = isinstance(self._terminal, CostToGo)
         """Whether the terminal weights are those of the linear-quadratic regulator."""
         self._rate_weights = {
             name: numbers.add("rate_weight", f"rate_weight_{name}", value, 0.0)
@@ -257,7 +245,7 @@ class Programme:
         if isinstance(self._terminal, Matrix):
             return self._terminal.matrices(values, n)
         _, a, b = self._model.linearise(theta, reference.copy(), rest[:, None])
-        return self._terminal(a[:, 0], b[:, 0], weight, values[self._discount])
+        return self._terminal.matrices(a[:, 0], b[:, 0], weight, values[self._discount])
 
     def _state_bounds(
         self, outputs: ModelWithOutputs, values: Values, weights: np.ndarray, tuned: frozenset[str]

@@ -7,11 +7,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from scipy.linalg import LinAlgError, solve_discrete_are
 
-from zoac.core.errors import ConfigError
+from zoac.core.errors import ConfigError, ControllerError
 from zoac.mpc.controller.numbers import Numbers
 
 Values = Mapping[str, np.ndarray]
+
+MAX_KEPT = 1000
+"""Costs to go that are kept: parameters change far more rarely than states."""
 
 
 class Matrix:
@@ -58,6 +62,48 @@ class Matrix:
         for i, j, name in self._entries:
             matrix[:, i, j] = matrix[:, j, i] = values[name]
         return matrix
+
+
+class CostToGo:
+    """The terminal weight of an infinite horizon: the linear-quadratic regulator's, no bounds."""
+
+    full = True
+
+    def __init__(self) -> None:
+        self._kept: dict[bytes, np.ndarray] = {}
+
+    def matrices(
+        self, a: np.ndarray, b: np.ndarray, weight: np.ndarray, discount: np.ndarray
+    ) -> np.ndarray:
+        """Return P (n, nx, nx) for n environments.
+
+        Args:
+            a: (n, nx, nx), Jacobians of the model where it shall rest.
+            b: (n, nx, nu).
+            weight: (n, nx + nu, nx + nu), on states and inputs, cross terms included.
+            discount: (n,), from step to step.
+
+        Raises:
+            ControllerError: If no input stabilises the linearised model.
+        """
+        return np.stack([self._one(*row) for row in zip(a, b, weight, discount, strict=True)])
+
+    def _one(self, a: np.ndarray, b: np.ndarray, weight: np.ndarray, discount: float) -> np.ndarray:
+        key = b"".join(part.tobytes() for part in (a, b, weight, np.float64(discount)))
+        if key not in self._kept:
+            if len(self._kept) >= MAX_KEPT:
+                self._kept.clear()
+            nx, root = len(a), np.sqrt(discount)
+            q, s, r = weight[:nx, :nx], weight[:nx, nx:], weight[nx:, nx:]
+            try:
+                found = solve_discrete_are(root * a, root * b, q, r, s=s)
+            except (LinAlgError, ValueError) as error:
+                raise ControllerError(
+                    f"terminal='riccati': no solution with these parameters ({error}); give "
+                    "terminal weights by name"
+                ) from None
+            self._kept[key] = 0.5 * (found + found.T)
+        return self._kept[key]
 
 
 def factors(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -182,8 +182,7 @@ def _generated(parts: tuple[Any, ...]) -> str:
     code = casadi.CodeGenerator("mpc_casadi", {"casadi_int": "int"})
     for part in parts:
         code.add(part)
-    text: str = code.dump()
-    return text
+    return code.dump()
 
 
 def _numbers(values: np.ndarray) -> str:

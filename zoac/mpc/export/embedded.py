@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from zoac.core.errors import ConfigError
+from zoac.mpc.controller.mpc import Mpc
+from zoac.mpc.controller.outputs import ModelWithOutputs
+from zoac.mpc.controller.reference import Reference
 from zoac.mpc.sqp import MpcOptions, Objective
 
 Read = Callable[[np.ndarray], Objective]
@@ -99,3 +102,82 @@ def check_exportable(embedded: EmbeddedMpc) -> None:
     for low, high in pairs:
         if (low > high).any():
             raise ConfigError("export to C: a tuned lower bound is above its upper bound")
+
+
+def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -> EmbeddedMpc:
+    """Return what an `Mpc` computes at fixed parameters; see `Mpc.export`.
+
+    Raises:
+        ConfigError: If something of it has no form in C.
+    """
+    programme, reference, state = mpc.programme, mpc.reference, mpc.columns
+    for what, instead, is_function in (
+        ("state", "columns", state is None),
+        ("reference", "numbers or slices", reference.is_function),
+    ):
+        if is_function:
+            raise ConfigError(
+                f"export to C: {what}=... is a function of Python's; give {instead} of the "
+                "observation"
+            )
+    if programme.of_regulator and reference.columns:
+        raise ConfigError(
+            "export to C: terminal='riccati' changes with a reference that is observed; give "
+            "terminal weights by name"
+        )
+    assert state is not None
+    length = _length(state, reference) if observation is None else observation
+    values = mpc.numbers.rows({k: np.full(1, v) for k, v in parameters.items()}, 1)
+    outputs = programme.outputs(reference.of_inputs)
+    theta: list[np.ndarray] = []
+
+    def read(observations: np.ndarray) -> Objective:
+        n = len(observations)
+        rows = {name: np.repeat(value, n) for name, value in values.items()}
+        states, rest = reference(observations, rows)
+        rest = programme.clip(rest)
+        objective, of_rows = programme.objective(outputs, rows, states, rest, frozenset())
+        theta.append(of_rows[0])
+        return objective
+
+    objective, target, preview = linear_in(read, length)
+    return EmbeddedMpc(
+        step=_step(mpc.model, outputs, theta[0]),
+        options=mpc.options,
+        observation=length,
+        state=state,
+        before=[(outputs.before.start + i, j) for i, j in enumerate(programme.rates)],
+        initial_input=mpc.before,
+        objective=objective,
+        reference=target,
+        preview=preview,
+        box=programme.box({name: value[0] for name, value in values.items()}),
+        outer_box=programme.box(mpc.numbers.values),
+    )
+
+
+def _length(state: list[int], reference: Reference) -> int:
+    ends = [i + 1 for i in state]
+    for columns in reference.columns:
+        if columns.stop is None or columns.stop < 0 or (columns.start or 0) < 0:
+            raise ConfigError(f"export to C: {columns} needs export(..., observation=its length)")
+        ends.append(columns.stop)
+    return max(ends)
+
+
+def _step(model: Any, outputs: ModelWithOutputs, theta: np.ndarray) -> Any:
+    """Return (z, u) -> next z of a model with outputs, as `ModelWithOutputs` linearises it."""
+    import casadi
+
+    own, matrices = np.split(theta, [len(model.parameters)])
+    x, u = casadi.SX.sym("x", len(model.states)), casadi.SX.sym("u", len(model.inputs))
+    rest = casadi.SX.sym("rest", outputs.size - len(model.states))
+    before = rest[: len(outputs.rates)]
+    after, point = model_step(model, own)(x, u), casadi.vertcat(x, u)
+    rated = casadi.vertcat(*(u[j] for j in outputs.rates))
+    parts = [after, rated, rated - before, *(u[j] for j in outputs.copies)]
+    for part, seen in ((outputs.stage, point), (outputs.end, after)):
+        size = part.stop - part.start
+        rows, matrices = np.split(matrices, [size * size])
+        parts += [casadi.DM(rows.reshape(size, size)) @ seen] if size else []
+    return casadi.Function("step", [casadi.vertcat(x, rest), u], [casadi.vertcat(*parts)])

@@ -12,7 +12,7 @@ from zoac.mpc.models.dynamics import Dynamics
 from zoac.mpc.problem import Sparsity
 
 
-class CasadiModel:
+class CasadiModel(Dynamics):
     """A model from a function of (x, u, p), with exact Jacobians and their zeros, by CasADi.
 
         def derivative(x, u, p):
@@ -37,9 +37,7 @@ class CasadiModel:
         Raises:
             ConfigError: If a part of it cannot be used, or CasADi is not installed.
         """
-        self._dynamics = dynamics = Dynamics(states, inputs, parameters, **options)
-        self.states, self.inputs = dynamics.states, dynamics.inputs
-        self.parameters, self.sample_time = dynamics.parameters, dynamics.sample_time
+        super().__init__(states, inputs, parameters, **options)
         try:
             import casadi
         except ImportError as error:
@@ -54,9 +52,9 @@ class CasadiModel:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FutureWarning)  # CasADi's, of its NumPy support
             try:
-                after = casadi.vertcat(*dynamics.advance()(*map(_column, symbols)))
+                after = casadi.vertcat(*self.advance()(*map(_column, symbols)))
             except Exception as error:  # whatever a user's function raises
-                dynamics.check()
+                self.check()
                 raise ConfigError(
                     f"model: with CasADi's symbols the function raised {type(error).__name__}: "
                     f"{error}; use arithmetic and functions of NumPy or CasADi, no `if` on values, "
@@ -64,7 +62,7 @@ class CasadiModel:
                 ) from error
         x, u, p = (casadi.vertcat(*column) for column in symbols)
         if after.shape != x.shape:
-            dynamics.check()
+            self.check()
         a, b = casadi.jacobian(after, x), casadi.jacobian(after, u)
         self.sparsity = Sparsity(*(np.array(casadi.DM(j.sparsity(), 1)) != 0 for j in (a, b)))
         # Transposed, for CasADi stores columns and NumPy rows.
@@ -72,10 +70,6 @@ class CasadiModel:
         self.function = casadi.Function("step", [x, u, p], outputs)
         """The next state and both transposed Jacobians, of (x, u, p)."""
         self._rollouts: dict[int, _Rollout] = {}
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # The copy derives its own; buffers hold addresses.
-        return _casadi_model, (self._dynamics.given,)
 
     def linearise(
         self, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray
@@ -97,10 +91,6 @@ class CasadiModel:
     def predict(self, theta: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """Return F_theta(states (n, nx), inputs (n, nu)) (n, nx)."""
         return self.linearise(theta, states, inputs[:, None])[0][:, 1]
-
-
-def _casadi_model(given: dict[str, Any]) -> CasadiModel:
-    return CasadiModel(**given)
 
 
 def _column(symbols: list[Any]) -> np.ndarray:

@@ -25,6 +25,11 @@ from zoac.core.types import is_number
 Function = Callable[[Any, Any, Any], Any]
 
 
+def made_of(kind: Callable[..., Any], given: Mapping[str, Any]) -> Any:
+    """Call a class with arguments by name: what its pickle names, so that a copy is built anew."""
+    return kind(**given)
+
+
 class Dynamics:
     """What a user says of a plant, checked; `advance` maps a state to that of the next sample.
 
@@ -66,13 +71,18 @@ class Dynamics:
             raise ConfigError(f"sample_time={sample_time!r}: derivative needs seconds above 0")
         if not (_is_positive(substeps) and substeps % 1 == 0):
             raise ConfigError(f"substeps={substeps!r}: expected a whole number from 1")
-        self.function: Function = step or derivative  # type: ignore[assignment]
+        self._function: Function = step or derivative  # type: ignore[assignment]
         self.sample_time = None if sample_time is None else float(sample_time)
         self.substeps = int(substeps)
         self.continuous = derivative is not None
-        self.given = {"states": self.states, "inputs": self.inputs, "parameters": self.parameters,
-                      "step": step, "derivative": derivative, "sample_time": sample_time,
-                      "substeps": substeps}  # fmt: skip
+        self._given: dict[str, Any] = {
+                       "states": self.states, "inputs": self.inputs, "parameters": self.parameters,
+                       "step": step, "derivative": derivative, "sample_time": sample_time,
+                       "substeps": substeps}  # fmt: skip
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A copy derives and compiles its own; buffers hold addresses.
+        return made_of, (type(self), self._given)
 
     def advance(self, wrap: Callable[[Any], Any] = lambda f: f) -> Callable[..., Any]:
         """Return the map (x (nx, ...), u (nu, ...), p (np,)) to the next state (nx, ...).
@@ -81,7 +91,7 @@ class Dynamics:
             wrap: Applied to every function that it consists of: numba's `njit`, say.
         """
         state, command, parameters = map(wrap, self.tuples())
-        write, function = wrap(_writer(len(self.states))), self.function
+        write, function = wrap(_writer(len(self.states))), self._function
         if not self.continuous:
 
             def step(x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -124,10 +134,10 @@ class Dynamics:
         """
         numbers = np.ones(len(self.states)), np.ones(len(self.inputs)), [*self.parameters.values()]
         x, u, p = (make(array) for make, array in zip(self.tuples(), numbers, strict=True))
-        name = getattr(self.function, "__name__", "the function")
+        name = getattr(self._function, "__name__", "the function")
         try:
             with np.errstate(all="ignore"):
-                count = len(getattr(self.function, "py_func", self.function)(x, u, p))
+                count = len(getattr(self._function, "py_func", self._function)(x, u, p))
         except ArithmeticError:
             return  # a point that the model may refuse, since nobody asked for it
         except Exception as error:  # whatever a user's function raises

@@ -24,7 +24,7 @@ AGREES = 1e-3
 its row's largest change."""
 
 
-class FunctionModel:
+class FunctionModel(Dynamics):
     """A model from a function of (x, u, p): plain NumPy, or compiled by `numba.njit`.
 
     A plain function is called with arrays as entries of x and u, several points at once: it uses
@@ -58,23 +58,17 @@ class FunctionModel:
         Raises:
             ConfigError: If a part of it cannot be used.
         """
-        self._dynamics = dynamics = Dynamics(states, inputs, parameters, **options)
-        self.states, self.inputs = dynamics.states, dynamics.inputs
-        self.parameters, self.sample_time = dynamics.parameters, dynamics.sample_time
+        super().__init__(states, inputs, parameters, **options)
+        self._given |= {"jacobians": jacobians, "sparsity": sparsity}
         self.sparsity, self._jacobians = sparsity, jacobians
         if isinstance(jacobians, str) and jacobians not in WAYS:
             raise ConfigError(f"jacobians={jacobians!r}: {suggest(jacobians, WAYS)}, or a function")
-        if callable(jacobians) and dynamics.continuous:
+        if callable(jacobians) and self.continuous:
             raise ConfigError("jacobians=...: a function belongs to step=..., not to derivative")
-        dynamics.check()
-        compiled = hasattr(dynamics.function, "py_func")
-        self._rollout = _compiled_rollout(dynamics) if compiled else _plain_rollout(dynamics)
+        self.check()
+        compiled = hasattr(self._function, "py_func")
+        self._rollout = _compiled_rollout(self) if compiled else _plain_rollout(self)
         self._checked = False
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # The copy compiles its own.
-        more = {"jacobians": self._jacobians, "sparsity": self.sparsity}
-        return _function_model, ({**self._dynamics.given, **more},)
 
     def linearise(
         self, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray
@@ -121,7 +115,7 @@ class FunctionModel:
         a: np.ndarray,
         b: np.ndarray,
     ) -> None:
-        x, u, p = self._dynamics.tuples()
+        x, u, p = self.tuples()
         for row in range(len(inputs)):
             numbers = p(theta[row])
             for k in range(inputs.shape[1]):
@@ -151,10 +145,6 @@ class FunctionModel:
                 f"{told[k, i, j]:.6g}; a complex step needs a function that is smooth and takes "
                 "complex numbers: else jacobians='finite'"
             )
-
-
-def _function_model(given: dict[str, Any]) -> FunctionModel:
-    return FunctionModel(**given)
 
 
 def _plain_rollout(dynamics: Dynamics) -> Callable[..., None]:
@@ -198,17 +188,11 @@ def _compiled_rollout(dynamics: Dynamics) -> Callable[..., None]:
         p: np.ndarray, inputs: np.ndarray, states: np.ndarray, ab: np.ndarray
     ) -> None:
         for k in range(len(inputs)):
-            x, u = states[k].astype(np.complex128), inputs[k].astype(np.complex128)
-            for j in range(len(x) + len(u)):
-                if j < nx:
-                    x[j] += 1j * COMPLEX_STEP
-                else:
-                    u[j - nx] += 1j * COMPLEX_STEP
-                ab[k, :, j] = advance(x.copy(), u.copy(), p).imag / COMPLEX_STEP
-                if j < nx:
-                    x[j] = states[k, j]
-                else:
-                    u[j - nx] = inputs[k, j - nx]
+            for j in range(ab.shape[2]):
+                moved = np.concatenate((states[k], inputs[k])) + 0j
+                moved[j] += 1j * COMPLEX_STEP
+                change = advance(moved[:nx].copy(), moved[nx:].copy(), p).imag
+                ab[k, :, j] = change / COMPLEX_STEP
 
     @numba.njit(error_model="numpy")
     def by_differences(

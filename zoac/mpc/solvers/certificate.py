@@ -57,56 +57,28 @@ def is_optimal(
     scale = problem.input_high - problem.input_low
     of_problem = units(problem)
     scales = np.where(np.isfinite(scale), scale, of_problem.inputs)
-    optimal = np.empty(len(inputs), dtype=np.bool_)
-    bounds = problem.bounds
-    if bounds is None:
-        none = np.empty((len(inputs), 0))
-        bounds, multipliers = StateBounds(none, none, none), np.empty((*inputs.shape[:2], 0))
-    elif multipliers is None:
+    none = np.empty((len(inputs), 0))
+    bounds = problem.bounds or StateBounds(none, none, none)
+    if problem.bounds is None or multipliers is None:
         multipliers = np.zeros((*inputs.shape[:2], bounds.low.shape[1]))
-    _judge(
-        problem.states,
-        problem.inputs,
-        problem.a,
-        problem.b,
-        problem.reference,
-        problem.state_weights,
-        problem.input_weights,
-        problem.input_low,
-        problem.input_high,
-        bounds.low,
-        bounds.high,
-        bounds.penalty,
-        np.clip(multipliers, -bounds.penalty[:, None], bounds.penalty[:, None]),
-        scales,
-        of_problem.cost,
-        inputs,
-        optimal,
-    )
-    return optimal
+    pressed = np.clip(multipliers, -bounds.penalty[:, None], bounds.penalty[:, None])
+    of_states = bounds.low, bounds.high, bounds.penalty, pressed
+    return _judge(problem.data, problem.box, of_states, scales, of_problem.cost, inputs)
 
 
 @compiled(error_model="numpy")
 def _judge(
-    states: np.ndarray,
-    rollout: np.ndarray,
-    a: np.ndarray,
-    b: np.ndarray,
-    reference: np.ndarray,
-    state_weights: np.ndarray,
-    input_weights: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    state_low: np.ndarray,
-    state_high: np.ndarray,
-    penalty: np.ndarray,
-    multipliers: np.ndarray,
+    data: tuple[np.ndarray, ...],
+    box: tuple[np.ndarray, np.ndarray],
+    bounds: tuple[np.ndarray, ...],
     scales: np.ndarray,
     cost_units: np.ndarray,
     inputs: np.ndarray,
-    optimal: np.ndarray,
-) -> None:
+) -> np.ndarray:
+    states, rollout, a, b, reference, state_weights, input_weights = data
+    (low, high), (state_low, state_high, penalty, multipliers) = box, bounds
     n, horizon, nx, nu = b.shape
+    optimal = np.empty(n, dtype=np.bool_)
     bounded = state_low.shape[1]
     errors = np.empty((horizon, nx))
     gradient = np.empty((horizon, nu))
@@ -167,49 +139,36 @@ def _judge(
         cost += ROUNDING * penalised
         proven = excess + left <= EXCESS_COST * cost < np.inf
         negligible = left <= max(EXCESS_COST * cost, REST * cost_units[env_index]) < np.inf
+        most = EXCESS_INPUT * scales[env_index]
         optimal[env_index] = kept and (
-            proven
-            or (
-                negligible
-                and _stands(
-                    a[env_index],
-                    b[env_index],
-                    state_weights[env_index],
-                    input_weights[env_index],
-                    low,
-                    high,
-                    EXCESS_INPUT * scales[env_index],
-                    inputs[env_index],
-                    gradient,
-                )
-            )
+            proven or (negligible and _stands(data, env_index, box, most, inputs, gradient))
         )
+    return optimal
 
 
 @compiled(error_model="numpy")
 def _stands(
-    a: np.ndarray,
-    b: np.ndarray,
-    state_weights: np.ndarray,
-    input_weights: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
+    data: tuple[np.ndarray, ...],
+    env_index: int,
+    box: tuple[np.ndarray, np.ndarray],
     most: np.ndarray,
     inputs: np.ndarray,
     gradient: np.ndarray,
 ) -> bool:
     """Tell whether no input moves by more than `most` (nu,) in a Newton step of its own."""
-    horizon, nx, nu = b.shape
+    _, _, a, b, _, state_weights, input_weights = data
+    _, horizon, nx, nu = b.shape
     hessian = np.zeros((nx, nx))  # of the cost to go in the state
     for k in range(horizon - 1, -1, -1):
         for i in range(nx):
-            hessian[i, i] += 2.0 * state_weights[k, i]
-        response = b[k].T @ hessian @ b[k]
+            hessian[i, i] += 2.0 * state_weights[env_index, k, i]
+        a_k, b_k = a[env_index, k], b[env_index, k]
+        response = b_k.T @ hessian @ b_k
         for j in range(nu):
-            curvature = 2.0 * input_weights[k, j] + response[j, j]
-            u = inputs[k, j]
-            target = min(max(u - gradient[k, j] / curvature, low[j]), high[j])
+            curvature = 2.0 * input_weights[env_index, k, j] + response[j, j]
+            u = inputs[env_index, k, j]
+            target = min(max(u - gradient[k, j] / curvature, box[0][j]), box[1][j])
             if not abs(u - target) <= most[j]:
                 return False
-        hessian = a[k].T @ hessian @ a[k]
+        hessian = a_k.T @ hessian @ a_k
     return True

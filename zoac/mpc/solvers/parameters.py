@@ -48,26 +48,8 @@ def write_parameters(
         By how much each problem's objective is multiplied (n,).
     """
     scales = np.empty(len(problem.b))
-    a_entries, b_entries = _entries(layout)
-    _write(
-        a_entries,
-        b_entries,
-        problem.a,
-        problem.b,
-        problem.states,
-        problem.inputs,
-        problem.reference,
-        problem.state_weights,
-        problem.input_weights,
-        np.where(layout.low, problem.input_low, 0.0),
-        np.where(layout.high, problem.input_high, 0.0),
-        units.states,
-        units.inputs,
-        units.cost,
-        dynamics,
-        weights,
-        scales,
-    )
+    box = np.where((layout.low, layout.high), problem.box, 0.0)
+    _write(_entries(layout), problem.data, box, units, dynamics, weights, scales)
     scales /= units.cost
     if problem.bounds is not None and bounds is not None:
         given, soft, low, high = problem.bounds, layout.soft, layout.state_low, layout.state_high
@@ -94,34 +76,27 @@ def _entries(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
 
 @compiled(error_model="numpy")
 def _write(
-    a_entries: np.ndarray,
-    b_entries: np.ndarray,
-    a: np.ndarray,
-    b: np.ndarray,
-    states: np.ndarray,
-    inputs: np.ndarray,
-    reference: np.ndarray,
-    state_weights: np.ndarray,
-    input_weights: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    state_units: np.ndarray,
-    input_units: np.ndarray,
-    cost_units: np.ndarray,
+    entries: tuple[np.ndarray, np.ndarray],
+    data: tuple[np.ndarray, ...],
+    box: np.ndarray,
+    units: Units,
     dynamics: np.ndarray,
     weights: np.ndarray,
     scales: np.ndarray,
 ) -> None:
+    a_entries, b_entries = entries
+    states, inputs, a, b, reference, state_weights, input_weights = data
     n, horizon, nx, nu = b.shape
     gap = len(a_entries) * (horizon - 1) + len(b_entries) * horizon  # where the gaps begin
     for env_index in range(n):
         to = 0
         cost = 0.0
-        x_unit, u_unit = state_units[env_index], input_units[env_index]
+        x_unit, u_unit = units.states[env_index], units.inputs[env_index]
+        cost_unit = units.cost[env_index]
         for i in range(nx):
             for k in range(horizon):
                 error = (states[env_index, k + 1, i] - reference[env_index, k, i]) / x_unit[i]
-                weight = state_weights[env_index, k, i] * x_unit[i] ** 2 / cost_units[env_index]
+                weight = state_weights[env_index, k, i] * x_unit[i] ** 2 / cost_unit
                 dynamics[env_index, gap + i * horizon + k] = error
                 weights[env_index, i * horizon + k] = weight
                 cost += weight * error * error
@@ -142,10 +117,10 @@ def _write(
                 dynamics[env_index, gap + i * horizon + k] -= value * inputs[env_index, k, j]
         to += nx * horizon
         for j in range(nu):
-            dynamics[env_index, to + j] = low[j] / u_unit[j]
-            dynamics[env_index, to + nu + j] = high[j] / u_unit[j]
+            dynamics[env_index, to + j] = box[0, j] / u_unit[j]
+            dynamics[env_index, to + nu + j] = box[1, j] / u_unit[j]
             for k in range(horizon):
-                weight = input_weights[env_index, k, j] / cost_units[env_index]
+                weight = input_weights[env_index, k, j] / cost_unit
                 weights[env_index, (nx + j) * horizon + k] = weight * u_unit[j] * u_unit[j]
                 cost += weight * inputs[env_index, k, j] * inputs[env_index, k, j]
         scales[env_index] = min(

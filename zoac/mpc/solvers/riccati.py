@@ -55,15 +55,8 @@ class Riccati:
         """
         try:
             found = solve_about(
-                problem.states,
-                problem.inputs,
-                problem.a,
-                problem.b,
-                problem.reference,
-                problem.state_weights,
-                problem.input_weights,
-                problem.input_low,
-                problem.input_high,
+                *problem.data,
+                *problem.box,
                 nonzero=None if problem.sparsity is None else _pattern(problem.sparsity),
                 robust=robust,
                 sweeps=self.sweeps,

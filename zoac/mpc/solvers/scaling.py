@@ -15,7 +15,7 @@ within `STATE_RANGE` or `COST_RANGE` of it: a well-scaled problem is solved as i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,7 @@ STATE_RANGE, INPUT_RANGE, COST_RANGE = 2.0**7, 2.0**10, 2.0**20
 """What is between 1 / range and range keeps its own unit."""
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Units:
+class Units(NamedTuple):
     """Units of n problems.
 
     Args:
@@ -51,37 +50,21 @@ def units(problem: LinearisedProblem, always: bool = False) -> Units:
     n, _, nx, nu = problem.b.shape
     found = Units(np.empty((n, nx)), np.empty((n, nu)), np.empty(n))
     half = 0.5 * (problem.input_high - problem.input_low)
-    _find(
-        np.where(np.isfinite(half), half, 0.0),
-        problem.states,
-        problem.a,
-        problem.b,
-        problem.reference,
-        problem.state_weights,
-        problem.input_weights,
-        (1.0, 1.0, 1.0) if always else (STATE_RANGE, INPUT_RANGE, COST_RANGE),
-        found.states,
-        found.inputs,
-        found.cost,
-    )
+    ranges = (1.0, 1.0, 1.0) if always else (STATE_RANGE, INPUT_RANGE, COST_RANGE)
+    _find(np.where(np.isfinite(half), half, 0.0), problem.data, ranges, found)
     return found
 
 
 @compiled(error_model="numpy")
 def _find(
     boxes: np.ndarray,
-    rollout: np.ndarray,
-    a: np.ndarray,
-    b: np.ndarray,
-    reference: np.ndarray,
-    state_weights: np.ndarray,
-    input_weights: np.ndarray,
+    data: tuple[np.ndarray, ...],
     ranges: tuple[float, float, float],
-    states: np.ndarray,
-    inputs: np.ndarray,
-    cost: np.ndarray,
+    found: Units,
 ) -> None:
     """Write the units of each problem; `boxes` (nu,) is 0 for an input that is free or fixed."""
+    rollout, _, a, b, reference, state_weights, input_weights = data
+    states, inputs, cost = found
     n, horizon, nx, nu = b.shape
     state_range, input_range, cost_range = ranges
     free = not np.all(boxes > 0)
