@@ -19,7 +19,7 @@ import numpy as np
 from zoac.core.errors import UnsavableError, WorkerError
 from zoac.core.segments import Proposal, Segment
 from zoac.core.types import Count
-from zoac.executors.base import Executor, Serial, nothing
+from zoac.executors.base import Executor, Method, Serial, nothing
 from zoac.executors.process import Process, usable_cores
 from zoac.rollout.task import Task
 
@@ -51,7 +51,6 @@ class Auto(Executor):
         self._starting: Thread | None = None
 
     def start(self, task: Task, num_envs: int, seed: int) -> None:
-        """See `Executor.start`."""
         workers = min(num_envs, self._most or usable_cores())
         self._past_seconds = self.worker_seconds
         self._made_of = (task, num_envs, seed)
@@ -65,37 +64,30 @@ class Auto(Executor):
         self._trial_seconds = self._trial_here = 0.0
         self._serial.start(task, num_envs, seed)
 
-    def rollout(
-        self, proposals: Sequence[Proposal], background_update: Callable[[], None] = nothing
+    def run(
+        self, method: Method, proposals: Sequence[Proposal], background_update: Callable[[], None]
     ) -> list[Segment]:
-        """See `Executor.rollout`."""
-        if self._settled:
-            return self._current.rollout(proposals, background_update)
+        if self._settled or (self._current is self._processes and method == "evaluate"):
+            return self._current.run(method, proposals, background_update)
         if self._current is self._processes:
             return self._rollout_on_trial(proposals, background_update)
+        if method == "evaluate":
+            return self._run(method, proposals)
         if self._untouched and self._is_slow() and not self._is_movable():
             self._start_workers()
             self._wait_for_thread()
         segments: dict[int, Segment] = {}
         for batch in _batches(proposals):
             asked = [proposals[i] for i in batch]
-            segments.update(zip(batch, self._run("rollout", asked), strict=True))
+            segments.update(zip(batch, self._run(method, asked), strict=True))
         return [segments[i] for i in range(len(proposals))]
 
-    def evaluate(
-        self, proposals: Sequence[Proposal], background_update: Callable[[], None] = nothing
-    ) -> list[Segment]:
-        """See `Executor.evaluate`."""
-        if self._settled or self._current is self._processes:
-            return self._current.evaluate(proposals, background_update)
-        return self._run("evaluate", proposals)
-
-    def _run(self, method: str, proposals: Sequence[Proposal]) -> list[Segment]:
+    def _run(self, method: Method, proposals: Sequence[Proposal]) -> list[Segment]:
         """Run proposals where environments are, and see whether they should be elsewhere."""
         if self._current is self._serial and not self._settled and self._workers_are_there():
             return self._take_over(method, proposals)
         begun = time.perf_counter()
-        segments: list[Segment] = getattr(self._current, method)(proposals)
+        segments = self._current.run(method, proposals, nothing)
         self._untouched &= method == "evaluate"
         if self._current is self._serial and not self._settled:
             self._judge(time.perf_counter() - begun, segments)
@@ -156,7 +148,7 @@ class Auto(Executor):
             self._stay(f"no worker can be started ({type(self._fault).__name__}: {self._fault})")
         return self._fault is None
 
-    def _take_over(self, method: str, proposals: Sequence[Proposal]) -> list[Segment]:
+    def _take_over(self, method: Method, proposals: Sequence[Proposal]) -> list[Segment]:
         """Run proposals here and in the workers, which take over if they give the same bits."""
         checked = proposals if method == "rollout" else proposals[:1]
         begun = False
@@ -165,12 +157,12 @@ class Auto(Executor):
         def run_here() -> None:
             nonlocal begun
             begun = True
-            here.extend(getattr(self._serial, method)(checked))
+            here.extend(self._serial.run(method, checked, nothing))
 
         try:
             if not self._untouched:
                 self._processes.restore(self._serial.state())
-            there: list[Segment] = getattr(self._processes, method)(proposals, run_here)
+            there = self._processes.run(method, proposals, run_here)
         except Exception as error:
             if begun and not here:  # the rollout itself failed
                 raise
@@ -184,7 +176,7 @@ class Auto(Executor):
             self._say(f"a step takes {1e3 * self._step_seconds:.2g} ms: worker processes take over")
             return there
         self._stay(fault)
-        return here if len(here) == len(proposals) else getattr(self._serial, method)(proposals)
+        return here if len(here) == len(proposals) else self._serial.run(method, proposals, nothing)
 
     def _rollout_on_trial(
         self, proposals: Sequence[Proposal], background_update: Callable[[], None]
@@ -220,21 +212,17 @@ class Auto(Executor):
         self.tell(f"executor=auto: {choice}")
 
     def state(self) -> dict[int, Any]:
-        """See `Executor.state`."""
         return self._current.state()
 
     def restore(self, state: Mapping[int, Any]) -> None:
-        """See `Executor.restore`."""
         self._untouched = False
         self._current.restore(state)
 
     @property
     def worker_seconds(self) -> float:
-        """See `Executor.worker_seconds`."""
         return self._past_seconds + self._processes.worker_seconds
 
     def close(self) -> None:
-        """See `Executor.close`."""
         self._processes.close()
         self._wait_for_thread()
         self._serial.close()

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
 from zoac.envs.base import Watch
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.task import Task
+
+Method = Literal["rollout", "evaluate"]
 
 
 def nothing() -> None:
@@ -33,17 +35,23 @@ class Executor(ABC):
     def start(self, task: Task, num_envs: int, seed: int) -> None:
         """Make `num_envs` environments of `task`, with random streams from the run's `seed`."""
 
-    @abstractmethod
     def rollout(
         self, proposals: Sequence[Proposal], background_update: Callable[[], None] = nothing
     ) -> list[Segment]:
         """Run proposals in the tuning environments; return segments in the order of proposals."""
+        return self.run("rollout", proposals, background_update)
 
-    @abstractmethod
     def evaluate(
         self, proposals: Sequence[Proposal], background_update: Callable[[], None] = nothing
     ) -> list[Segment]:
         """Run seeded proposals in evaluation environments, apart from those of tuning."""
+        return self.run("evaluate", proposals, background_update)
+
+    @abstractmethod
+    def run(
+        self, method: Method, proposals: Sequence[Proposal], background_update: Callable[[], None]
+    ) -> list[Segment]:
+        """Carry out one of these two methods."""
 
     @abstractmethod
     def state(self) -> dict[int, Any]:
@@ -68,31 +76,20 @@ class RolloutHost:
     def __init__(
         self, task: Task, env_indices: Sequence[int], seed: int, watch: Watch | None = None
     ) -> None:
-        """
-        Args:
-            task: Gives environment and controller.
-            env_indices: Of the tuning environments.
-            seed: Of the run.
-            watch: See `VecEnv.watch`.
-        """
         self._task, self._watch = task, watch
-        self.engine = RolloutEngine(
-            task,
-            env_indices,
-            [stream_seed(seed, "lane", env_index) for env_index in env_indices],
-            watch,
-        )
+        seeds = [stream_seed(seed, "lane", env_index) for env_index in env_indices]
+        self.engine = RolloutEngine(task, env_indices, seeds, watch)
         self._evaluation: dict[int, RolloutEngine] = {}
 
-    def evaluate(self, proposals: Sequence[Proposal]) -> list[Segment]:
-        """Run proposals that name environments 0 .. width - 1 in evaluation environments."""
+    def run(self, method: Method, proposals: Sequence[Proposal]) -> list[Segment]:
+        """Run proposals; those of an evaluation name environments 0 .. width - 1."""
+        if method == "rollout":
+            return self.engine.rollout(proposals)
         width = max(p.env_index for p in proposals) + 1
         if width not in self._evaluation:
-            # Every evaluation episode brings its seed: the environments' own streams are never
-            # drawn from.
-            self._evaluation[width] = RolloutEngine(
-                self._task, range(width), [0] * width, self._watch
-            )
+            # Every episode brings its seed: the environments' own streams are never drawn from.
+            engine = RolloutEngine(self._task, range(width), [0] * width, self._watch)
+            self._evaluation[width] = engine
         return self._evaluation[width].rollout(proposals)
 
     def close(self) -> None:
@@ -105,30 +102,19 @@ class Serial(Executor):
     """All environments in this process, stepped side by side."""
 
     def start(self, task: Task, num_envs: int, seed: int) -> None:
-        """See `Executor.start`."""
         self._host = RolloutHost(task, range(num_envs), seed)
 
-    def rollout(
-        self, proposals: Sequence[Proposal], background_update: Callable[[], None] = nothing
+    def run(
+        self, method: Method, proposals: Sequence[Proposal], background_update: Callable[[], None]
     ) -> list[Segment]:
-        """See `Executor.rollout`."""
-        return self._host.engine.rollout(proposals)
-
-    def evaluate(
-        self, proposals: Sequence[Proposal], background_update: Callable[[], None] = nothing
-    ) -> list[Segment]:
-        """See `Executor.evaluate`."""
-        return self._host.evaluate(proposals)
+        return self._host.run(method, proposals)
 
     def state(self) -> dict[int, Any]:
-        """See `Executor.state`."""
         return self._host.engine.state()
 
     def restore(self, state: Mapping[int, Any]) -> None:
-        """See `Executor.restore`."""
         self._host.engine.restore(state)
 
     def close(self) -> None:
-        """See `Executor.close`."""
         if hasattr(self, "_host"):  # `start` may have failed
             self._host.close()

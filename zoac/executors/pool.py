@@ -11,7 +11,7 @@ import numpy as np
 
 from zoac.core.segments import Proposal, Segment
 from zoac.core.state import pickled
-from zoac.executors.base import Executor, nothing
+from zoac.executors.base import Executor, Method
 from zoac.rollout.task import Task
 
 
@@ -75,32 +75,33 @@ class Pool(Executor):
     they cannot be saved, the run ends with a message instead.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, workers: int | None, attempts: int) -> None:
+        self._count, self._attempts = workers, attempts
         self._workers: list[Handle] = []
 
     def start(self, task: Task, num_envs: int, seed: int) -> None:
-        """See `Executor.start`."""
         self.launch(task, num_envs, seed)
         self.wait()
 
-    @abstractmethod
     def launch(self, task: Task, num_envs: int, seed: int) -> None:
-        """Begin to start the workers, without waiting for them."""
-
-    @abstractmethod
-    def _worker(self, task: Task, env_indices: list[int], seed: int) -> Handle:
-        """Begin to start a worker for a group of environments."""
-
-    def _start_workers(self, task: Task, num_envs: int, seed: int, workers: int) -> None:
-        """Begin to start workers, one for each group of environments; where one fails, end all."""
+        """Begin to start the workers, without waiting for them; where one fails, end all."""
         self._workers = []
+        count = min(self._count or self._cores(), num_envs)
         try:
-            for part in np.array_split(np.arange(num_envs), min(workers, num_envs)):
+            for part in np.array_split(np.arange(num_envs), count):
                 self._workers.append(self._worker(task, part.tolist(), seed))
         except BaseException:
             self.close()
             raise
         self._worker_of = {env_index: w for w in self._workers for env_index in w.env_indices}
+
+    @abstractmethod
+    def _cores(self) -> int:
+        """Return how many workers there is room for."""
+
+    @abstractmethod
+    def _worker(self, task: Task, env_indices: list[int], seed: int) -> Handle:
+        """Begin to start a worker for a group of environments."""
 
     def wait(self) -> None:
         """Wait until all workers are ready; where one cannot be started, end all."""
@@ -111,53 +112,37 @@ class Pool(Executor):
             self.close()
             raise
 
-    def rollout(
-        self, proposals: Sequence[Proposal], background_update: Callable[[], None] = nothing
+    def run(
+        self, method: Method, proposals: Sequence[Proposal], background_update: Callable[[], None]
     ) -> list[Segment]:
-        """See `Executor.rollout`."""
         parts: dict[Handle, list[int]] = {w: [] for w in self._workers}
-        for index, proposal in enumerate(proposals):
-            parts[self._worker_of[proposal.env_index]].append(index)
-        requests = {w: [proposals[i] for i in part] for w, part in parts.items() if part}
-        for worker, request in requests.items():
-            worker.begin("rollout", request)
+        if method == "rollout":
+            for index, proposal in enumerate(proposals):
+                parts[self._worker_of[proposal.env_index]].append(index)
+        else:
+            even = np.array_split(np.arange(len(proposals)), len(self._workers))
+            parts = {w: part.tolist() for w, part in zip(self._workers, even, strict=True)}
+            # A worker's evaluation environments count from 0; the episode comes from the seed.
+            proposals = [replace(proposals[i], env_index=k)
+                         for part in parts.values() for k, i in enumerate(part)]  # fmt: skip
+        busy = {w: part for w, part in parts.items() if part}
+        for worker, part in busy.items():
+            worker.begin("run", method, [proposals[i] for i in part])
         background_update()
         segments: dict[int, Segment] = {}
-        for worker in requests:
-            done, worker.env_states = worker.finish()
-            segments.update(zip(parts[worker], done, strict=True))
+        for worker, part in busy.items():
+            done, env_states = worker.finish()
+            if method == "rollout":
+                worker.env_states = env_states
+            segments.update(zip(part, done, strict=True))
         return [segments[i] for i in range(len(proposals))]
 
-    def evaluate(
-        self, proposals: Sequence[Proposal], background_update: Callable[[], None] = nothing
-    ) -> list[Segment]:
-        """See `Executor.evaluate`."""
-        parts = [
-            (worker, part)
-            for worker, part in zip(
-                self._workers,
-                np.array_split(np.arange(len(proposals)), len(self._workers)),
-                strict=True,
-            )
-            if len(part)
-        ]
-        for worker, part in parts:
-            # A worker's evaluation environments count from 0; the episode comes from the seed
-            # alone.
-            worker.begin(
-                "evaluate", [replace(proposals[i], env_index=k) for k, i in enumerate(part)]
-            )
-        background_update()
-        return [segment for worker, _ in parts for segment in worker.finish()]
-
     def state(self) -> dict[int, Any]:
-        """See `Executor.state`."""
         return {
             env_index: state for w in self._workers for env_index, state in w.call("state").items()
         }
 
     def restore(self, state: Mapping[int, Any]) -> None:
-        """See `Executor.restore`."""
         for worker in self._workers:
             worker.env_states = pickled(
                 {env_index: state[env_index] for env_index in worker.env_indices}
@@ -166,10 +151,8 @@ class Pool(Executor):
 
     @property
     def worker_seconds(self) -> float:
-        """See `Executor.worker_seconds`."""
         return sum(w.processor_seconds for w in self._workers)
 
     def close(self) -> None:
-        """See `Executor.close`."""
         for worker in self._workers:
             worker.close()

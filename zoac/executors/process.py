@@ -20,6 +20,9 @@ from zoac.executors.step_watch import Call, StepWatch
 from zoac.executors.worker import CANNOT_BE_SAVED, receive, send
 from zoac.rollout.task import Task
 
+Request = tuple[str, tuple[Any, ...]]
+"""A method of `Worker` and its arguments."""
+
 
 class Process(Pool):
     """Groups of neighbouring environments, each in a process of its own."""
@@ -37,13 +40,10 @@ class Process(Pool):
             workers: Number of processes; None: one a core that this process may use.
             attempts: How often the same work may be begun before the run is given up.
         """
-        super().__init__()
-        self._count = workers
-        self._attempts = attempts
+        super().__init__(workers, attempts)
 
-    def launch(self, task: Task, num_envs: int, seed: int) -> None:
-        """See `Pool.launch`."""
-        self._start_workers(task, num_envs, seed, self._count or usable_cores())
+    def _cores(self) -> int:
+        return usable_cores()
 
     def _worker(self, task: Task, env_indices: list[int], seed: int) -> Handle:
         return _ProcessHandle(task, env_indices, seed, self._attempts)
@@ -69,16 +69,13 @@ class _ProcessHandle(Handle):
         self._task, self._seed, self._attempts = task, seed, attempts
         self._watch = None if task.step_timeout is None else StepWatch(task.step_timeout)
         self._earlier_seconds = self._seconds = 0.0
-        self._request: tuple[str, tuple[Any, ...]] = ("state", ())
+        self._request: Request = ("state", ())
         self._restarts = 0
         self._start_process()
 
     def ready(self) -> None:
-        """See `Handle.ready`."""
         watched = None if self._watch is None else self._watch.path
-        steps: list[tuple[str, tuple[Any, ...]]] = [
-            ("start", (self._task, self.env_indices, self._seed, watched))
-        ]
+        steps: list[Request] = [("start", (self._task, self.env_indices, self._seed, watched))]
         if self.env_states is not None:
             steps.append(("restore", (self.env_states,)))
         for step in steps:
@@ -92,7 +89,6 @@ class _ProcessHandle(Handle):
             self._result(reply)
 
     def begin(self, method: str, *arguments: Any) -> None:
-        """See `Handle.begin`."""
         self._request = (method, arguments)
         self._send(())
 
@@ -103,7 +99,6 @@ class _ProcessHandle(Handle):
             send(self._input, (method, (*arguments, hung) if hung else arguments))
 
     def finish(self) -> Any:
-        """See `Handle.finish`."""
         deaths, hung = 0, list[Call]()
         while True:
             known = len(hung)
@@ -143,11 +138,9 @@ class _ProcessHandle(Handle):
 
     @property
     def processor_seconds(self) -> float:
-        """See `Handle.processor_seconds`."""
         return self._earlier_seconds + self._seconds
 
     def close(self) -> None:
-        """See `Handle.close`."""
         self._end_process()
         if self._watch is not None:
             self._watch.close()

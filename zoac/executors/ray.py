@@ -41,9 +41,8 @@ class Ray(Pool):
                 a Ray of its own on this machine.
             cores_per_worker: What Ray reserves for an actor.
         """
-        super().__init__()
-        self._count, self._attempts = workers, attempts
-        self._address, self._cores = address, cores_per_worker
+        super().__init__(workers, attempts)
+        self._address, self._per_worker = address, cores_per_worker
         self._mine = False
 
     def launch(self, task: Task, num_envs: int, seed: int) -> None:
@@ -53,16 +52,19 @@ class Ray(Pool):
             ConfigError: If there is no cluster at `address`, or it has too few cores.
         """
         self._connect()
-        cores = ray.cluster_resources().get("CPU", 0.0)
-        workers = min(num_envs, self._count or max(1, int(cores // self._cores)))
-        if workers * self._cores > cores:
+        cores, each = ray.cluster_resources().get("CPU", 0.0), self._per_worker
+        workers = min(num_envs, self._count or self._cores())
+        if workers * each > cores:
             raise ConfigError(
-                f"executor.workers={workers} actors with executor.cores_per_worker={self._cores:g} "
-                f"need {workers * self._cores:g} cores; the Ray cluster has {cores:g}"
+                f"executor.workers={workers} actors with executor.cores_per_worker={each:g} "
+                f"need {workers * each:g} cores; the Ray cluster has {cores:g}"
             )
         # Shipped once, not once an actor; kept here, for a restart needs it again.
         self._task = ray.put(task)
-        self._start_workers(task, num_envs, seed, workers)
+        super().launch(task, num_envs, seed)
+
+    def _cores(self) -> int:
+        return max(1, int(ray.cluster_resources().get("CPU", 0.0) // self._per_worker))
 
     def _connect(self) -> None:
         """Use the Ray that this process is connected to already, or connect."""
@@ -82,10 +84,9 @@ class Ray(Pool):
         self._mine = True
 
     def _worker(self, task: Task, env_indices: list[int], seed: int) -> Handle:
-        return _ActorHandle(self._task, env_indices, seed, self._attempts, self._cores)
+        return _ActorHandle(self._task, env_indices, seed, self._attempts, self._per_worker)
 
     def close(self) -> None:
-        """See `Executor.close`."""
         super().close()
         if self._mine:
             ray.shutdown()
@@ -140,12 +141,10 @@ class _ActorHandle(Handle):
         """See `Handle.ready`; Ray queues requests until the actor is there."""
 
     def begin(self, method: str, *arguments: Any) -> None:
-        """See `Handle.begin`."""
         self._reply = self._actor.answer.remote(self._number, self.env_states, method, arguments)
         self._number += 1
 
     def finish(self) -> Any:
-        """See `Handle.finish`."""
         try:
             result, error, seconds, process = ray.get(self._reply)
         except ray.exceptions.RayActorError as death:
@@ -161,9 +160,7 @@ class _ActorHandle(Handle):
 
     @property
     def processor_seconds(self) -> float:
-        """See `Handle.processor_seconds`."""
         return sum(self._seconds.values())
 
     def close(self) -> None:
-        """See `Handle.close`."""
         ray.kill(self._actor)

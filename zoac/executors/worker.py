@@ -20,7 +20,7 @@ import cloudpickle
 
 from zoac.core.errors import WorkerError, ZoacError
 from zoac.core.state import pickled
-from zoac.executors.base import RolloutHost
+from zoac.executors.base import Method, RolloutHost
 from zoac.executors.step_watch import Call, StepClock
 from zoac.rollout.task import Task
 
@@ -82,14 +82,7 @@ class Worker:
     _clock: StepClock | None = None
 
     def start(self, task: Task, env_indices: Any, seed: int, watched: str | None = None) -> None:
-        """Make the environments; see `RolloutHost`.
-
-        Args:
-            task: Gives environment and controller.
-            env_indices: Of the environments.
-            seed: Of the run.
-            watched: The file in which to tell of steps; see `zoac.executors.step_watch`.
-        """
+        """Make the environments; the file `watched` tells of their steps, see `StepClock`."""
         watch = None
         if watched is not None:
             assert task.step_timeout is not None
@@ -97,20 +90,15 @@ class Worker:
             watch = self._clock.call
         self._host = RolloutHost(task, env_indices, seed, watch)
 
-    def rollout(self, proposals: Any, hung: Collection[Call] = ()) -> Any:
-        """Return the segments, and the environments' state in case this process dies later."""
-        self._begin(hung)
-        return self._host.engine.rollout(proposals), saved(self._host.engine.state)
+    def run(self, method: Method, proposals: Any, hung: Collection[Call] = ()) -> Any:
+        """Return the segments; of rollouts also the state in case this process dies later.
 
-    def evaluate(self, proposals: Any, hung: Collection[Call] = ()) -> Any:
-        """Return the segments of evaluation episodes."""
-        self._begin(hung)
-        return self._host.evaluate(proposals)
-
-    def _begin(self, hung: Collection[Call]) -> None:
-        """Begin a request, in which some calls of environments never return."""
+        The calls of environments that are known to hang fail instead.
+        """
         if self._clock is not None:
             self._clock.begin(hung)
+        segments = self._host.run(method, proposals)
+        return segments, saved(self._host.engine.state) if method == "rollout" else None
 
     def state(self) -> Any:
         """Return the environments' state."""
