@@ -16,7 +16,7 @@ from zoac.config.fingerprint import described
 from zoac.core.errors import ConfigError, EnvironmentFailure, UnsavableError
 from zoac.core.segments import Proposal
 from zoac.envs.fmu import FmuEnv
-from zoac.envs.fmu_instance import Fmu2
+from zoac.envs.fmu_instance import FmuInstance
 from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.user_fmu import FmuFile
 from zoac.tasks.user_task import user_task
@@ -154,8 +154,8 @@ def test_one_that_cannot_be_saved_serves_tuners_of_whole_episodes(build):
 
 def test_one_instance_serves_every_episode(path, monkeypatch):
     made = []
-    init = Fmu2.__init__
-    monkeypatch.setattr(Fmu2, "__init__", lambda *a: made.append(a) or init(*a))
+    init = FmuInstance.__init__
+    monkeypatch.setattr(FmuInstance, "__init__", lambda *a: made.append(a) or init(*a))
     task = user_task(env=lambda: fmu(path), controller=pd, space={"kp": (0, 9), "kd": (0, 9)})
     group = RolloutEngine(task, [0], [0])
     x = task.space.normalise({"kp": 2.0, "kd": 2.0})

@@ -178,7 +178,6 @@ class ArrayVecEnv(VecEnv):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """See `VecEnv.reset`."""
         demonstration = bool((options or {}).get("demonstration", False))
         for env_index, env_seed in self._to_reset(seed, options):
             rng = self._generators[env_index]
@@ -192,7 +191,6 @@ class ArrayVecEnv(VecEnv):
     def step(
         self, actions: np.ndarray, mask: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """See `VecEnv.step`."""
         applied = self._applied(actions)
         if mask is None:
             cost, terminated = self._advance(actions)
@@ -213,7 +211,6 @@ class ArrayVecEnv(VecEnv):
         return self._observe(), -cost, terminated, truncated, infos
 
     def state(self, env_indices: Sequence[int] | np.ndarray) -> Snapshot:
-        """See `VecEnv.state`."""
         env_indices = np.asarray(env_indices)
         return {
             "arrays": {name: array[env_indices].copy() for name, array in self.arrays.items()},
@@ -225,7 +222,6 @@ class ArrayVecEnv(VecEnv):
         }
 
     def restore(self, env_indices: Sequence[int] | np.ndarray, state: Snapshot) -> np.ndarray:
-        """See `VecEnv.restore`."""
         env_indices = np.asarray(env_indices)
         for name, rows in state["arrays"].items():
             self.arrays[name][env_indices] = rows
@@ -269,13 +265,8 @@ class SingleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             np.asarray(action, dtype=np.float64)[None]
         )
         info = {"cost": float(infos["cost"][0])}
-        return (
-            observations[0],
-            float(rewards[0]),
-            bool(terminated[0]),
-            bool(truncated[0]),
-            info,
-        )
+        ended = bool(terminated[0]), bool(truncated[0])
+        return observations[0], float(rewards[0]), *ended, info
 
     def render(self) -> Any:
         """Return the environment's picture (height, width, 3) uint8, if made with `rgb_array`."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from gymnasium.spaces import Box
 
 from zoac.core.errors import ConfigError, EnvironmentFailure, UnsavableError, suggest
 from zoac.core.types import is_number
-from zoac.envs.fmu_instance import FmuInstance, description, kind
+from zoac.envs.fmu_instance import REAL, FmuInstance, description, version
 
 Cost = Callable[[dict[str, float]], float]
 
@@ -58,18 +59,14 @@ class FmuEnv(gymnasium.Env):
         """
         self._path = Path(path).expanduser()
         self._model = description(self._path)
-        made_by = kind(self._model)
-        assert made_by is not None  # `description` says so
-        self._kind = made_by
         for name, seconds in (("step_size", step_size), ("stop_time", stop_time)):
             if not (is_number(seconds) and math.isfinite(seconds) and seconds > 0):
                 raise ConfigError(f"{name}={seconds!r}: expected seconds, above zero")
         self.dt = float(step_size)
         self._steps = max(1, round(stop_time / step_size))
+        real = REAL[version(self._model)]
         self._variables = {
-            v.name: v
-            for v in self._model.modelVariables
-            if v.type == self._kind.real and not v.dimensions
+            v.name: v for v in self._model.modelVariables if v.type == real and not v.dimensions
         }
         self._observed = [self._reference(name) for name in observations]
         self._names = list(observations)
@@ -101,15 +98,23 @@ class FmuEnv(gymnasium.Env):
         if name not in fitting:
             kind = "real input or parameter" if causalities else "real variable"
             raise ConfigError(f"{self._path.name} has no {kind} {name!r}; {suggest(name, fitting)}")
-        reference: int = self._variables[name].valueReference
-        return reference
+        return self._variables[name].valueReference
 
     def _made(self) -> FmuInstance:
         """Return the instance, which is made if there is none."""
         if self._fmu is None:
-            self._fmu = self._kind(self._path, self._model)
+            self._fmu = FmuInstance(self._path, self._model)
             self._is_new = True
         return self._fmu
+
+    @contextmanager
+    def _failing(self, what: str) -> Iterator[None]:
+        """Turn what the FMU raises into the failure of an environment, whose instance is closed."""
+        try:
+            yield
+        except Exception as error:
+            self.close(error)
+            raise EnvironmentFailure(f"the FMU's {what} failed: {error}") from error
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -117,7 +122,7 @@ class FmuEnv(gymnasium.Env):
         """Begin an episode with the parameters that the attributes hold."""
         super().reset(seed=seed)
         fmu = self._made()
-        with _Guard(self, "reset"):
+        with self._failing("reset"):
             if not self._is_new:
                 fmu.reset()
             self._is_new = False
@@ -130,7 +135,7 @@ class FmuEnv(gymnasium.Env):
         """Apply an action for one step; a step that fails raises `EnvironmentFailure`."""
         applied = np.asarray(action, dtype=np.float64).reshape(-1).tolist()
         fmu = self._made()
-        with _Guard(self, "step"):
+        with self._failing("step"):
             if applied:
                 fmu.set(self._applied, applied)
             fmu.step(self._count * self.dt, self.dt)
@@ -185,22 +190,6 @@ class FmuEnv(gymnasium.Env):
         vars(self).update(parameters)
         self._made().restore(content)
         self._count = count
-
-
-class _Guard:
-    """Turns what an FMU raises into the failure of an environment, which gets a new instance."""
-
-    def __init__(self, env: FmuEnv, what: str) -> None:
-        self._env, self._what = env, what
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: Any, error: BaseException | None, _: Any) -> None:
-        if error is None or not isinstance(error, Exception):
-            return
-        self._env.close(error)
-        raise EnvironmentFailure(f"the FMU's {self._what} failed: {error}") from error
 
 
 def _bounds(variable: Any, given: Any) -> tuple[float, float]:

@@ -11,9 +11,9 @@ import os
 import shutil
 import tempfile
 import weakref
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +23,12 @@ _FATAL = 4
 """Status after which no function of an instance may be called, by both standards."""
 
 
-class FmuInstance(ABC):
-    """One instance, whose files lie in a temporary folder of its own."""
+REAL = {"2": "Real", "3": "Float64"}
+"""What a number of double precision is called, by the first number of the FMI version."""
 
-    real: str
-    """What the standard calls a variable that is a number of double precision."""
+
+class FmuInstance:
+    """One instance, whose files lie in a temporary folder of its own; of FMI 3.0, no event mode."""
 
     def __init__(self, path: Path, model: Any) -> None:
         """
@@ -40,9 +41,11 @@ class FmuInstance(ABC):
         """
         folder = tempfile.mkdtemp(prefix="zoac-fmu-")
         self._remove = weakref.finalize(self, _remove, folder, os.getpid())
+        self._version = version(model)
         try:
             library().extract(str(path), unzipdir=folder)
-            self._fmu = self._loaded(
+            loader = import_module(f"fmpy.fmi{self._version}")
+            self._fmu = getattr(loader, f"FMU{self._version}Slave")(
                 guid=model.guid,
                 unzipDirectory=folder,
                 modelIdentifier=model.coSimulation.modelIdentifier,
@@ -55,33 +58,34 @@ class FmuInstance(ABC):
         self._free = weakref.finalize(self, _free, self._fmu, os.getpid())
         self._free.atexit = False
 
-    @abstractmethod
-    def _loaded(self, **options: Any) -> Any:
-        """Return FMPy's object for the library."""
-
     def get(self, references: Sequence[int]) -> list[float]:
         """Return the values of variables."""
-        return list(getattr(self._fmu, f"get{self.real}")(references))
+        return list(getattr(self._fmu, f"get{REAL[self._version]}")(references))
 
     def set(self, references: Sequence[int], values: Sequence[float]) -> None:
         """Set variables."""
-        getattr(self._fmu, f"set{self.real}")(references, values)
+        getattr(self._fmu, f"set{REAL[self._version]}")(references, values)
 
-    @abstractmethod
     def begin(self, references: Sequence[int], values: Sequence[float], stop_time: float) -> None:
         """Begin an episode of a new instance, or of one that was reset, with parameters."""
-
-    def _initialise(
-        self, references: Sequence[int], values: Sequence[float], **times: float
-    ) -> None:
+        times = {"startTime": 0.0, "stopTime": stop_time}
+        if self._version == "2":
+            self._fmu.setupExperiment(**times)
+            times = {}
         if references:
             self.set(references, values)
         self._fmu.enterInitializationMode(**times)
         self._fmu.exitInitializationMode()
 
-    @abstractmethod
     def step(self, time: float, step_size: float) -> None:
-        """Go on from a time by a step, both in seconds."""
+        """Go on from a time by a step, both in seconds.
+
+        Raises:
+            EnvironmentFailure: If the FMU asks for the end of the simulation.
+        """
+        told = self._fmu.doStep(time, step_size)  # by FMI 3.0: event, end, ...; by 2.0 nothing
+        if told and told[1]:
+            raise EnvironmentFailure(f"it asks for the end of the simulation at {time:g} s")
 
     def reset(self) -> None:
         """Bring the instance to where it was made."""
@@ -115,55 +119,6 @@ class FmuInstance(ABC):
         self._remove()
 
 
-class Fmu2(FmuInstance):
-    """By FMI 2.0."""
-
-    real = "Real"
-
-    def _loaded(self, **options: Any) -> Any:
-        from fmpy.fmi2 import FMU2Slave
-
-        return FMU2Slave(**options)
-
-    def begin(self, references: Sequence[int], values: Sequence[float], stop_time: float) -> None:
-        """See `FmuInstance.begin`."""
-        self._fmu.setupExperiment(startTime=0.0, stopTime=stop_time)
-        self._initialise(references, values)
-
-    def step(self, time: float, step_size: float) -> None:
-        """See `FmuInstance.step`."""
-        self._fmu.doStep(time, step_size)
-
-
-class Fmu3(FmuInstance):
-    """By FMI 3.0, without its event mode."""
-
-    real = "Float64"
-
-    def _loaded(self, **options: Any) -> Any:
-        from fmpy.fmi3 import FMU3Slave
-
-        return FMU3Slave(**options)
-
-    def begin(self, references: Sequence[int], values: Sequence[float], stop_time: float) -> None:
-        """See `FmuInstance.begin`."""
-        self._initialise(references, values, startTime=0.0, stopTime=stop_time)
-
-    def step(self, time: float, step_size: float) -> None:
-        """See `FmuInstance.step`.
-
-        Raises:
-            EnvironmentFailure: If the FMU asks for the end of the simulation.
-        """
-        _, ends, _, _ = self._fmu.doStep(time, step_size)
-        if ends:
-            raise EnvironmentFailure(f"it asks for the end of the simulation at {time:g} s")
-
-
-KINDS: dict[str, type[FmuInstance]] = {"2": Fmu2, "3": Fmu3}
-"""By the first number of the FMI version."""
-
-
 def library() -> Any:
     """Return FMPy.
 
@@ -191,7 +146,7 @@ def description(path: Path) -> Any:
         platforms = fmpy.supported_platforms(str(path))
     except Exception as error:  # whatever readers of zip and XML raise
         raise ConfigError(f"{path}: cannot be read as an FMU: {error}") from error
-    if kind(model) is None or model.coSimulation is None:
+    if version(model) not in REAL or model.coSimulation is None:
         raise ConfigError(
             f"{path}: FMI {model.fmiVersion}"
             f"{'' if model.coSimulation else ' without co-simulation'}; expected FMI 2.0 or 3.0 "
@@ -203,9 +158,9 @@ def description(path: Path) -> Any:
     return model
 
 
-def kind(model: Any) -> type[FmuInstance] | None:
-    """Return the class for the FMI version of a model description; None: there is none."""
-    return KINDS.get(str(model.fmiVersion).partition(".")[0])
+def version(model: Any) -> str:
+    """Return the first number of the FMI version of a model description."""
+    return str(model.fmiVersion).partition(".")[0]
 
 
 def _free(fmu: Any, process: int) -> None:

@@ -103,7 +103,6 @@ class GymnasiumVecEnv(VecEnv):
         self._watch: Watch | None = None
 
     def watch(self, watch: Watch) -> None:
-        """See `VecEnv.watch`."""
         self._watch = watch
 
     def reset(
@@ -250,7 +249,6 @@ class GymnasiumVecEnv(VecEnv):
         return flat
 
     def state(self, env_indices: Sequence[int] | np.ndarray) -> dict[str, Any]:
-        """See `VecEnv.state`."""
         rows = np.asarray(env_indices).tolist()
         return {
             "envs": OwnObject([saved(self._envs[row]) for row in rows]),
@@ -261,7 +259,6 @@ class GymnasiumVecEnv(VecEnv):
         }
 
     def restore(self, env_indices: Sequence[int] | np.ndarray, state: dict[str, Any]) -> np.ndarray:
-        """See `VecEnv.restore`."""
         envs, draws = state["envs"].value, state["draws"]
         rows = zip(np.asarray(env_indices).tolist(), envs, draws, strict=True)
         for env_index, env, draws in rows:
