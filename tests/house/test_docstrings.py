@@ -48,3 +48,29 @@ def test_no_docstring_describes_an_argument_that_is_not_there(module):
         if name not in names
     ]
     assert wrong == []
+
+
+CLASSES = {
+    node.name: node
+    for path in MODULES.values()
+    for node in ast.walk(ast.parse(path.read_text()))
+    if isinstance(node, ast.ClassDef)
+}
+
+
+def says(name, node):
+    """Tell whether a method of a class, or the one that it overrides, says what it does."""
+    own = [b for b in node.body if isinstance(b, ast.FunctionDef) and b.name == name]
+    bases = [CLASSES[b.id] for b in node.bases if isinstance(b, ast.Name) and b.id in CLASSES]
+    return any(map(ast.get_docstring, own)) or any(says(name, base) for base in bases)
+
+
+def test_a_public_method_says_what_it_does_unless_the_one_that_it_overrides_does():
+    silent = [
+        f"{owner}.{b.name}"
+        for owner, node in CLASSES.items()
+        for b in node.body
+        if isinstance(b, ast.FunctionDef) and "_" not in (owner[0], b.name[0])
+        if not says(b.name, node)
+    ]
+    assert silent == []

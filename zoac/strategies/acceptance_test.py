@@ -27,8 +27,6 @@ class AcceptanceTest(ReservedSteps):
     def __init__(self, problem: Problem, begin: Begin, *, fraction: Fraction) -> None:
         """
         Args:
-            problem: What is tuned, with a baseline.
-            begin: Makes the tuner that searches.
             fraction: Of the budget, for held-out episodes.
 
         Raises:
@@ -111,11 +109,9 @@ class AcceptanceTest(ReservedSteps):
         )
 
     def state(self) -> Any:
-        """See `Tuner.state`."""
         return {**super().state(), "pairs": self._pairs, "episodes": self._episodes.state()}
 
     def restore(self, state: Any) -> None:
-        """See `Tuner.restore`."""
         super().restore(state)
         self._pairs = state["pairs"]
         self._episodes.restore(state["episodes"])

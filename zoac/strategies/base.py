@@ -24,49 +24,35 @@ class TunerStrategy(Tuner):
     """A tuner around another: a subclass changes some of what it does and forwards the rest."""
 
     def __init__(self, problem: Problem, begin: Begin) -> None:
-        """
-        Args:
-            problem: What is tuned.
-            begin: Makes the tuner inside.
-        """
         self._problem = problem
         self._tuner = begin(problem)
         self.display_name = self._tuner.display_name
 
     def ask(self) -> list[Proposal]:
-        """See `Tuner.ask`."""
         return self._tuner.ask()
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
-        """See `Tuner.tell`."""
         return self._tuner.tell(segments)
 
     def background_update(self) -> None:
-        """See `Tuner.background_update`."""
         self._tuner.background_update()
 
     def recommend(self) -> np.ndarray:
-        """See `Tuner.recommend`."""
         return self._tuner.recommend()
 
     def state(self) -> Any:
-        """See `Tuner.state`."""
         return {"tuner": self._tuner.state()}
 
     def restore(self, state: Any) -> None:
-        """See `Tuner.restore`."""
         self._tuner.restore(state["tuner"])
 
     def end_search(self) -> bool:
-        """See `Tuner.end_search`."""
         return self._tuner.end_search()
 
     def outcome(self) -> dict[str, Any]:
-        """See `Tuner.outcome`."""
         return self._tuner.outcome()
 
     def describe(self) -> dict[str, Any]:
-        """See `Tuner.describe`."""
         return self._tuner.describe()
 
 
@@ -74,16 +60,10 @@ class StartSearch(TunerStrategy):
     """A tuner that begins at the best point of a search for a start, whose steps count.
 
     Until that search is over, the tuner inside is one that would begin at the best point so far.
-    It must begin at `Problem.start`.
+    It must begin at `Problem.start`, and is given the budget that is left.
     """
 
     def __init__(self, problem: Problem, begin: Begin) -> None:
-        """
-        Args:
-            problem: What is tuned.
-            begin: Makes the tuner for a problem with `start`, where to begin, and the budget that
-                is left.
-        """
         self._begin, self._spent = begin, 0
         super().__init__(problem, self._begin_at_best)
 
@@ -131,7 +111,6 @@ class StartSearch(TunerStrategy):
         return self._best() if self._looking else super().recommend()
 
     def state(self) -> Any:
-        """See `Tuner.state`."""
         return {"spent": self._spent, **super().state()}
 
     def restore(self, state: Any) -> None:
@@ -151,8 +130,6 @@ class ReservedSteps(TunerStrategy):
     def __init__(self, problem: Problem, begin: Begin, fraction: float) -> None:
         """
         Args:
-            problem: What is tuned.
-            begin: Makes the tuner that searches.
             fraction: Of the budget, for what comes after the search.
         """
         self._fraction = fraction
@@ -215,12 +192,10 @@ class ReservedSteps(TunerStrategy):
         return super().tell(segments) if self._searching else self._tell_after(segments)
 
     def state(self) -> Any:
-        """See `Tuner.state`."""
         counted = self._steps, self._longest, self._searching, self._end
         return {**super().state(), "counted": counted}
 
     def restore(self, state: Any) -> None:
-        """See `Tuner.restore`."""
         super().restore(state)
         self._steps, self._longest, self._searching, self._end = state["counted"]
 

@@ -40,8 +40,6 @@ class FinalSelection(ReservedSteps):
     ) -> None:
         """
         Args:
-            problem: What is tuned.
-            begin: Makes the tuner that searches.
             fraction: Of the budget, for held-out episodes; more, if two candidates need more.
             candidates: Recommendations after the first one, taken at equal distances.
             every: Environment steps from one candidate to the next, instead.
@@ -126,7 +124,6 @@ class FinalSelection(ReservedSteps):
         return {**super().outcome(), "select": chosen}
 
     def state(self) -> Any:
-        """See `Tuner.state`."""
         return {
             **super().state(),
             "next": self._next,
@@ -136,7 +133,6 @@ class FinalSelection(ReservedSteps):
         }
 
     def restore(self, state: Any) -> None:
-        """See `Tuner.restore`."""
         super().restore(state)
         self._next = state["next"]
         self._noted = [(steps, x.copy()) for steps, x in state["noted"]]
@@ -160,8 +156,6 @@ def best_evaluated(problem: Problem, begin: Begin, *, every: int) -> FinalSelect
     """Return a tuner whose answer is the best of the recommendations that its run evaluates.
 
     Args:
-        problem: What is tuned.
-        begin: Makes the tuner that searches.
         every: Environment steps between the run's evaluations.
 
     Raises:

@@ -22,7 +22,6 @@ class HeldOut:
     def __init__(self, problem: Problem, name: str) -> None:
         """
         Args:
-            problem: What is tuned.
             name: Of the stream that the episodes' seeds come from; no other part of a run has it.
         """
         self._problem, self._name = problem, name

@@ -45,11 +45,6 @@ class HeldSpecs(ReservedSteps):
     """
 
     def __init__(self, problem: Problem, begin: Begin) -> None:
-        """
-        Args:
-            problem: What is tuned.
-            begin: Makes the tuner that searches, by whole episodes.
-        """
         super().__init__(problem, begin, FRACTION)
         self._points = np.empty((0, problem.space.dimension))
         self._outcomes = Outcomes.none()
@@ -80,8 +75,7 @@ class HeldSpecs(ReservedSteps):
         near = np.argsort(apart, axis=1, kind="stable")[:, :count]
         violations, costs = outcomes.violations[near], outcomes.costs[near]
         best = ranking(violations.mean(axis=1), costs.mean(axis=1))[0]
-        middle: np.ndarray = points[near[best]].mean(axis=0)
-        return middle
+        return points[near[best]].mean(axis=0)
 
     def _ask_after(self) -> list[Proposal]:
         alone = self._episodes.begun and len(self._episodes.candidates) == 1
@@ -108,15 +102,13 @@ class HeldSpecs(ReservedSteps):
         first = held.ranking[0]
         dearest = costs[first] + DEARER * abs(costs[first])
         (equal,) = np.nonzero((violations == violations[first]) & (costs <= dearest))
-        answer: np.ndarray = held.candidates[equal[-1]]
-        return answer
+        return held.candidates[equal[-1]]
 
     def outcome(self) -> dict[str, Any]:
         """Return for `result.json` how many held-out episodes chose the answer."""
         return {**super().outcome(), "held_specs": {"episodes": len(self._episodes.costs)}}
 
     def state(self) -> Any:
-        """See `Tuner.state`."""
         return {
             **super().state(),
             "points": self._points.copy(),
@@ -125,7 +117,6 @@ class HeldSpecs(ReservedSteps):
         }
 
     def restore(self, state: Any) -> None:
-        """See `Tuner.restore`."""
         super().restore(state)
         self._points, self._outcomes = state["points"].copy(), Outcomes(*state["outcomes"])
         self._episodes.restore(state["episodes"])

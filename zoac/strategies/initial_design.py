@@ -25,9 +25,6 @@ class InitialDesign(StartSearch):
     def __init__(self, problem: Problem, begin: Begin, *, count: Count) -> None:
         """
         Args:
-            problem: What is tuned.
-            begin: Makes the tuner for a problem with `start`, where to begin, and the budget that
-                is left.
             count: Number of points.
         """
         self._points = problem.rng("initial_samples").uniform(
@@ -59,11 +56,9 @@ class InitialDesign(StartSearch):
         )
 
     def state(self) -> Any:
-        """See `Tuner.state`."""
         return {"episodes": self._episodes.state(), **super().state()}
 
     def restore(self, state: Any) -> None:
-        """See `Tuner.restore`."""
         self._episodes = Outcomes(*state["episodes"])
         super().restore(state)
 
@@ -75,16 +70,11 @@ class InitialDesign(StartSearch):
 class CommonRandomNumbers(TunerStrategy):
     """A tuner of whole episodes whose points of one batch all meet the same episode.
 
-    Differences within a batch are then the points' own. Every batch has another episode.
+    Differences within a batch are then the points' own. Every batch has another episode. Segments,
+    and episodes of the tuner's own choice, are left as they are.
     """
 
     def __init__(self, problem: Problem, begin: Begin) -> None:
-        """
-        Args:
-            problem: What is tuned.
-            begin: Makes the tuner. What it asks for otherwise (segments, episodes of its own
-                choice) is left as it is.
-        """
         super().__init__(problem, begin)
         self._batch = 0
 
@@ -98,14 +88,11 @@ class CommonRandomNumbers(TunerStrategy):
         ]
 
     def state(self) -> Any:
-        """See `Tuner.state`."""
         return {"batch": self._batch, **super().state()}
 
     def restore(self, state: Any) -> None:
-        """See `Tuner.restore`."""
         self._batch = state["batch"]
         super().restore(state)
 
     def describe(self) -> dict[str, Any]:
-        """See `Tuner.describe`."""
         return {**super().describe(), "episodes": "common to a batch"}

@@ -57,9 +57,6 @@ class SuccessiveHalving(StartSearch):
     ) -> None:
         """
         Args:
-            problem: What is tuned.
-            begin: Makes the tuner for a problem with `start`, where to begin, and the budget that
-                is left.
             fraction: Of the budget.
             rounds: How many; 3 or more begin with parts of episodes.
             survivors: Which fraction of a round are the last round's best; the rest are their
@@ -136,7 +133,6 @@ class SuccessiveHalving(StartSearch):
         return {"halving_round": self._round, "halving_best_cost": float(costs[order[0]])}
 
     def state(self) -> Any:
-        """See `Tuner.state`."""
         return {
             "rng": self._rng.bit_generator.state,
             "round": self._round,
@@ -146,7 +142,6 @@ class SuccessiveHalving(StartSearch):
         }
 
     def restore(self, state: Any) -> None:
-        """See `Tuner.restore`."""
         self._rng.bit_generator.state = state["rng"]
         self._round = state["round"]
         self._points, self._ranked = state["points"].copy(), state["ranked"].copy()
