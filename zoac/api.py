@@ -30,10 +30,17 @@ from zoac.study.carry_out import from_tune
 from zoac.tasks.given_task import given_task, is_by_name, name_of, set_options
 from zoac.tasks.given_task import make_task as make_task
 from zoac.tasks.user_task import UserTask
-from zoac.training.identity import settings_of_task, with_code
+from zoac.training.identity import settings_of_task
 from zoac.training.lifecycle import Run, execute
 
 RESUME = ("auto", "never", "overwrite")
+
+OF_USER = ("env", "controller", "space")
+OF_TASK = (
+    "baseline", "metrics", "constraints", "max_episode_steps", "plant", "vary", "objective",
+    "signals", "sample_time", "specs",
+)  # fmt: skip
+"""Arguments of `tune` that say what is tuned."""
 
 OTHER_SETTINGS = tuple(
     f.name
@@ -145,28 +152,17 @@ def tune(
         NothingWorksError: If every episode fails.
         RunFolderError: If `folder` holds another run.
     """
+    arguments = locals()
     if cost is not None:
-        return from_tune(locals(), inspect.signature(tune).parameters)
+        return from_tune(arguments, inspect.signature(tune).parameters)
     if workers is not None:
         raise ConfigError("workers belong to cost=..., a function to minimise")
     if None not in (budget, experiments):
         raise ConfigError("give either budget or experiments, not both")
-    of_task = {
-        "baseline": baseline,
-        "metrics": metrics,
-        "constraints": constraints,
-        "max_episode_steps": max_episode_steps,
-        "plant": plant,
-        "vary": vary,
-        "objective": objective,
-        "signals": signals,
-        "sample_time": sample_time,
-        "specs": specs,
-    }
     if resume not in RESUME:
         raise ConfigError(f"resume={resume!r}; {suggest(resume, RESUME)}")
     followers = Callbacks(callbacks)
-    of_user = {"env": env, "controller": controller, "space": space}
+    of_user, of_task = ({name: arguments[name] for name in names} for names in (OF_USER, OF_TASK))
     the_task = given_task(task, of_user, of_task)
     budget = budget_of(experiments, 50_000 if budget is None else budget, the_task)
     chosen = tuner_for(the_task, budget) if tuner == AUTO else None
@@ -206,21 +202,15 @@ def tune(
     by_name = is_by_name(task, of_task)
     if not by_name:
         config["task"] = settings_of_task(the_task, of_task, config.get("task", {}))
-    checked = factory.build_settings(config)
     factory.with_failures(the_task, config)
-    identified, doubts = with_code(config, the_task)
     where = Path(folder or tempfile.mkdtemp(prefix="zoac-")).expanduser()
-    run = Run(
-        identity={"task": name_of(task, env), "tuner": tuner, "seed": checked.seed},
-        config=identified,
-        doubts=doubts,
+    run = Run.of(
+        config,
+        the_task,
+        identity={"task": name_of(task, env), "tuner": tuner, "seed": config["seed"]},
         chosen=chosen,
         command=sys.argv,
-        task=the_task,
-        tuner=factory.build_tuner(config["tuner"], the_task, checked),
-        executor=factory.build_executor(config),
-        settings=checked,
-        loggers=[] if quiet else [Console(checked.budget, where)],
+        loggers=[] if quiet else [Console(config["budget"], where)],
         quiet=quiet,
         callbacks=followers,
     )

@@ -67,13 +67,7 @@ def tuner_for(task: Task, budget: float) -> Choice:
 
 
 def budget_of(experiments: Any, budget: Any, task: Task) -> Any:
-    """Return the budget in environment steps.
-
-    Args:
-        experiments: Episodes of full length, which replace a budget; None: there is one.
-        budget: Environment steps.
-        task: What is tuned.
-    """
+    """Return the budget in environment steps; `experiments`, if given, replace it."""
     if not is_number(experiments) or experiments <= 0:  # which is refused where all settings are
         return budget
     return experiments * task.horizon.steps

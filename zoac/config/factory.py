@@ -147,11 +147,8 @@ def _with_strategies(
 ) -> Begin:
     """Return what makes the tuner of a config node, in the strategies that are asked for.
 
-    Args:
-        node: The tuner's config node.
-        settings: Of the run.
-        of_task: Strategies that the task asks for. They see the points of the search alone, and
-            their answer is what an acceptance test tests.
+    Those that the task asks for see the points of the search alone, and their answer is what an
+    acceptance test tests.
 
     Raises:
         ConfigError: If a strategy is unknown, or does not go with the tuner or another strategy.
@@ -174,8 +171,7 @@ def _with_strategies(
     node = _begun_at_start(node, _start_searches(named, settings), settings)
 
     def make(problem: Problem) -> Tuner:
-        tuner: Tuner = build(node, "tuner", Tuner, problem=problem)
-        return tuner
+        return build(node, "tuner", Tuner, problem=problem)
 
     for strategy in reversed(around):
         make = partial(strategy, begin=make)
@@ -213,8 +209,7 @@ def _named_strategies(node: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 def _build_strategy(name: str, node: Mapping[str, Any], problem: Problem, begin: Begin) -> Tuner:
     where = f"tuner.strategies.{name}"
-    tuner: Tuner = build(node, where, TunerStrategy, problem=problem, begin=begin)
-    return tuner
+    return build(node, where, TunerStrategy, problem=problem, begin=begin)
 
 
 def _start_searches(named: Mapping[str, Mapping[str, Any]], settings: Settings) -> list[str]:
@@ -250,13 +245,7 @@ def _begun_at_start(
 
 
 def baseline_use(node: Mapping[str, Any], task: Task, settings: Settings) -> dict[str, str]:
-    """Return what a run does with the baseline values, for its first lines; {} if there are none.
-
-    Args:
-        node: The tuner's config node.
-        task: What is tuned.
-        settings: Of the run.
-    """
+    """Say what a run does with the baseline values, for its first lines; {} if there are none."""
     if task.baseline is None:
         return {}
     begins = settings.initial_sigma is not None or node.get("start") == "baseline"

@@ -97,12 +97,7 @@ them. What a failure is and costs is part of the task."""
 
 
 def whole_numbers(owner: type, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings of Python callers as the configuration has them: 1e4 is a whole number too.
-
-    Args:
-        owner: The dataclass with the settings' types.
-        given: Values by name, checked later.
-    """
+    """Return a dataclass's settings as the configuration has them: 1e4 is a whole number too."""
     hints = get_type_hints(owner)
     return {name: _whole(value, hints.get(name)) for name, value in given.items()}
 

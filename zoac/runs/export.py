@@ -70,8 +70,7 @@ def export_c(task: Task, parameters: Mapping[str, Any], path: str | Path) -> Pat
     env = task.make_env(1)
     size = int(np.prod(env.single_observation_space.shape or ()))
     env.close()
-    written: Path = controller.export(parameters, path, size)
-    return written
+    return controller.export(parameters, path, size)
 
 
 def _json(parameters: Mapping[str, Any], units: Mapping[str, str], stem: str) -> str:

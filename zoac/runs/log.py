@@ -28,7 +28,6 @@ class RunLog:
         Args:
             folder: The run folder; exists and is locked by the caller.
             run: Content of `run.json`; written if the folder has none.
-            loggers: Where rows go beside the folder.
         """
         self.folder = folder
         self.run = run

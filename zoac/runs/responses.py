@@ -102,11 +102,7 @@ def one_loop(table: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFrame:
 
 
 def title(record: Mapping[str, Any]) -> str:
-    """Return which episode the table holds, for people to read.
-
-    Args:
-        record: The content of `result.json`.
-    """
+    """Return which episode the table holds, for people to read, by the record of `result.json`."""
     if "shown" not in record:  # written by an earlier version
         return "The first final episode"
     shown = record["shown"]

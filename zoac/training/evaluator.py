@@ -26,14 +26,6 @@ class Evaluator:
     def __init__(
         self, task: Task, tuner: Tuner, executor: Executor, settings: Evaluation, progress: Progress
     ) -> None:
-        """
-        Args:
-            task: What is tuned.
-            tuner: Who recommends; it may work in the background while episodes run.
-            executor: Where the episodes run.
-            settings: How many episodes, and their seed.
-            progress: Where failures and seconds are counted.
-        """
         self._task, self._tuner, self._executor = task, tuner, executor
         self._settings, self._progress = settings, progress
         self._last_finite = np.zeros(task.space.dimension)  # recommendation

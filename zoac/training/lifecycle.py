@@ -38,16 +38,12 @@ class Run:
         identity: `task`, `tuner` and `seed`, for run folder and tables.
         config: Resolved configuration, for the record and to tell runs apart.
         command: What was typed, for the record.
-        task: What is tuned.
-        tuner: Who tunes.
         executor: Where environments run; not yet started.
-        settings: Seed, budget and evaluation.
         loggers: Where rows go beside the run folder.
         quiet: Do not say that the run is done already.
         chosen: What "auto" stands for, and why, if the tuner was left open.
         doubts: What `config` cannot tell of the task, one sentence each; see
             `zoac.training.identity.with_code`.
-        callbacks: Follow the run and may stop it.
     """
 
     identity: Mapping[str, Any]
@@ -63,6 +59,22 @@ class Run:
     chosen: Choice | None = None
     callbacks: Callbacks = field(default_factory=Callbacks)
 
+    @classmethod
+    def of(cls, config: Mapping[str, Any], task: Task, **more: Any) -> Run:
+        """Return the run that a resolved configuration describes.
+
+        Args:
+            config: Its node `task` is already made into `task`.
+            task: What is tuned.
+            more: The fields that do not follow from these two.
+        """
+        settings = factory.build_settings(config)
+        identified, doubts = with_code(config, task)
+        tuner = factory.build_tuner(config["tuner"], task, settings)
+        executor = factory.build_executor(config)
+        return cls(config=identified, task=task, tuner=tuner, executor=executor,
+                   settings=settings, doubts=doubts, **more)  # fmt: skip
+
 
 def run_session(
     config: Mapping[str, Any],
@@ -75,8 +87,8 @@ def run_session(
 
     Args:
         config: Resolved configuration.
-        task: Name of the task, for the run's identity.
-        tuner: Name of the tuner, likewise.
+        task: Name for the run's identity.
+        tuner: Likewise.
         command: What was typed, for the record.
         fidelity: Name of that choice, for the options of a tuner that is yet to be chosen.
 
@@ -90,22 +102,17 @@ def run_session(
     the_task = factory.build_task(config)
     groups = {"task": task, "tuner": tuner, "fidelity": fidelity}
     config, chosen = settled(config, the_task, groups)
-    settings = factory.build_settings(config)
     folder = run_folder.of(config, task, tuner)
-    identified, doubts = with_code(config, the_task)
     brief = lifeline.shares_terminal()
-    run = Run(
+    live = lifeline.is_sweep() or not brief
+    run = Run.of(
+        config,
+        the_task,
         identity={"task": task, "tuner": tuner, "seed": config["seed"]},
-        config=identified,
-        doubts=doubts,
         command=command,
-        task=the_task,
-        tuner=factory.build_tuner(config["tuner"], the_task, settings),
-        executor=factory.build_executor(config),
-        settings=settings,
         loggers=[
             *factory.build_loggers(config),
-            Console(settings.budget, folder, brief=brief, live=lifeline.is_sweep() or not brief),
+            Console(config["budget"], folder, brief=brief, live=live),
         ],
         chosen=chosen,
         quiet=brief,

@@ -46,14 +46,7 @@ def is_sweep() -> bool:
 
 
 def hold(folder: Path) -> Callable[[], None]:
-    """Hold the lifeline of a sweep until this process ends.
-
-    Args:
-        folder: The sweep's folder; made if it is missing.
-
-    Returns:
-        A function that lets go of it sooner.
-    """
+    """Hold the lifeline of a sweep until this process ends; return what lets go of it sooner."""
     folder.mkdir(parents=True, exist_ok=True)
     held = ExitStack()
     held.enter_context(locked(_file(folder)))
@@ -62,11 +55,7 @@ def hold(folder: Path) -> Callable[[], None]:
 
 @cache
 def follow(folder: Path) -> None:
-    """End this process `GRACE` seconds after nobody holds a sweep's lifeline any more.
-
-    Args:
-        folder: The sweep's folder. Without a lifeline in it nothing is done.
-    """
+    """End this process `GRACE` seconds after nobody holds a sweep's lifeline, if it has one."""
     if not _file(folder).exists():
         return
     try:

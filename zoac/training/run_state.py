@@ -39,8 +39,8 @@ class Checkpoints:
         """
         Args:
             log: Of the run folder.
-            progress: Counters of the run; the first part of a checkpoint.
-            parts: The other parts by their key in the checkpoint, in the order of restoring.
+            progress: The first part of a checkpoint.
+            parts: The others by their key in the checkpoint, in the order of restoring.
             seconds: Wall seconds between checkpoints.
         """
         self._log, self._progress, self._seconds = log, progress, seconds
@@ -88,13 +88,6 @@ class Environments:
     def __init__(
         self, task: Task, executor: Executor, settings: Settings, progress: Progress
     ) -> None:
-        """
-        Args:
-            task: What is tuned.
-            executor: Where the environments run; started.
-            settings: Their number, and the seed.
-            progress: Where restarts are counted.
-        """
         self._task, self._executor = task, executor
         self._settings, self._progress = settings, progress
         self._unsaved = False  # which was printed

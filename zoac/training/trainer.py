@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from zoac.config.settings import Settings
 from zoac.core.errors import CallbackError, Interrupted, NothingWorksError
+from zoac.core.measures import CLOCKS
 from zoac.core.segments import Segment
 from zoac.core.tuner import Tuner
 from zoac.executors.base import Executor
@@ -43,13 +44,8 @@ class Trainer:
     ) -> None:
         """
         Args:
-            task: What is tuned.
-            tuner: Who tunes.
-            executor: Where environments run; started, and closed by the caller.
-            settings: Seed, budget and evaluation.
-            log: Where rows, checkpoints and the result go.
+            executor: Started, and closed by the caller.
             stop_requested: Asked between iterations; True ends the run with a checkpoint.
-            callbacks: Follow the run and may stop it.
         """
         self._task, self._tuner, self._executor = task, tuner, executor
         self._settings, self._log = settings, log
@@ -154,11 +150,7 @@ class Trainer:
         return {"env_steps": progress.env_steps, "wall_seconds": wall_seconds, **more}
 
     def _refuse(self, when: str) -> None:
-        """End a run in which every segment failed.
-
-        Raises:
-            NothingWorksError: Always.
-        """
+        """Raise: every segment failed."""
         progress = self.progress
         raise NothingWorksError(
             f"each of the {progress.segments} episodes so far failed {when}, so there is nothing "
@@ -183,7 +175,7 @@ class Trainer:
         result = {
             "env_steps": progress.env_steps,
             **final,
-            **{name: getattr(progress, name) for name in SECONDS},
+            **{name: getattr(progress, name) for name in CLOCKS},
             "solver_failures": progress.solver_failures,
             "env_restarts": progress.env_restarts,
             "tuning_terminations": progress.terminations,
@@ -235,9 +227,3 @@ class Trainer:
 HOPELESS = 10
 """Episodes after which a run whose every episode failed at its first step ends: no parameters
 would help, or something is misspelt."""
-
-SECONDS = (
-    "wall_seconds", "compute_seconds", "solver_seconds", "tuner_seconds", "evaluation_seconds",
-    "checkpoint_seconds",
-)  # fmt: skip
-"""Times of a result, in their order."""
