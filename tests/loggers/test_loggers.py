@@ -2,7 +2,7 @@ import time
 
 import pytest
 
-from zoac.loggers.flatten import numbers
+from zoac.loggers.base import numbers
 from zoac.runs.log import RunLog
 
 RUN = {"task": "t", "tuner": "x", "seed": 0, "variant": None, "config": {"a": {"b": 1}}}

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from zoac.check.controller import dead_parameters, hidden_state
 from zoac.check.environment import (
+    baseline_specs,
     determinism,
     env_state,
     episodes_end,
@@ -15,7 +16,6 @@ from zoac.check.environment import (
     time_per_step,
 )
 from zoac.check.samples import Found
-from zoac.check.specs import baseline_specs
 from zoac.core.errors import ZoacError
 from zoac.rollout.task import Task
 

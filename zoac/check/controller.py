@@ -89,11 +89,7 @@ def _replayed(
 ) -> np.ndarray:
     """Return the actions (T, m) of a controller on the observations of a segment.
 
-    Args:
-        task: Gives the controller.
-        segment: Whose observations and parameters.
-        change: The index of a parameter and another value for it.
-        memory: The controller's at the start of the episode; None: a fresh one.
+    One parameter, by its index, may have another value; without a memory, a fresh one begins.
     """
     names, values = _named(task, segment)
     if change is not None:

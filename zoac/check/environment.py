@@ -1,4 +1,4 @@
-"""Checks of an environment, its parameters and its costs."""
+"""Checks of an environment, its parameters, its costs and its specs."""
 
 from __future__ import annotations
 
@@ -11,11 +11,17 @@ import numpy as np
 from zoac.check.samples import Found, draws, segments
 from zoac.core.segments import Proposal
 from zoac.rollout.engine import RolloutEngine
+from zoac.rollout.evaluation import evaluation_proposals
 from zoac.rollout.probe import first_difference, played
 from zoac.rollout.task import Task
+from zoac.specs.verdict import over_episodes
 
 SLOW = 0.1
 """A step that takes longer [s] is too slow: 50,000 of them would take more than an hour."""
+
+
+EPISODES = 5
+"""Evaluation episodes for the specs, the first of a run's."""
 
 
 def round_trip(task: Task) -> Found:
@@ -109,6 +115,33 @@ def time_per_step(task: Task) -> Found:
     if seconds > SLOW:
         return False, f"{text}; more than {SLOW * 1e3:g} ms a step is too slow to tune on"
     return True, text
+
+
+def baseline_specs(task: Task) -> Found:
+    """Return whether the specs can be judged, and what they come to with the baseline values.
+
+    Without baseline values the middle of the bounds takes their place.
+    """
+    x, which = np.zeros(task.space.dimension), "in the middle of the bounds"
+    if task.baseline is not None:
+        x, which = task.space.normalise(task.baseline), "with the baseline values"
+    engine = RolloutEngine(task, range(EPISODES), [0] * EPISODES)
+    try:
+        segments = engine.rollout(evaluation_proposals(x, EPISODES, seed=0))
+        limit = task.horizon.steps
+    finally:
+        engine.close()
+    if all(segment.terminated and segment.length < limit for segment in segments):
+        return False, (
+            f"every episode terminates {which}, the first after {segments[0].length} of {limit} "
+            "steps, so no whole response can be judged; give baseline values with which episodes "
+            "last, and return truncated, not terminated, where time is over"
+        )
+    told = [
+        f"{label}: {row['value']:.4g}" + {True: ", met", False: ", not met", None: ""}[row["met"]]
+        for label, row in over_episodes(segments, task.specs).items()
+    ]
+    return True, f"{which}, over {EPISODES} episodes: {'; '.join(told)}"
 
 
 def _told(parameters: Mapping[str, Any]) -> str:

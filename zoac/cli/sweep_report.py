@@ -120,12 +120,7 @@ def _more(folder: Path, overrides: Sequence[str]) -> str:
 
 
 def end(folder: Path, let_go: Callable[[], None]) -> None:
-    """Ask the jobs of a sweep on this machine to stop, and wait until they have or time is over.
-
-    Args:
-        folder: The sweep's folder.
-        let_go: Ends the jobs' lifeline, see `zoac.training.lifeline`.
-    """
+    """End the lifeline of a sweep's jobs, and wait until they have stopped or time is over."""
     let_go()
     deadline = time.monotonic() + GRACE
     while time.monotonic() < deadline and any(n["state"] == RUNNING for n in _notes(folder)):
@@ -138,11 +133,7 @@ def has_begun(folder: Path) -> bool:
 
 
 def report(folder: Path) -> tuple[str, bool]:
-    """Return what became of a sweep's jobs, a table first, and whether all that began are done.
-
-    Args:
-        folder: The sweep's folder.
-    """
+    """Return what became of a sweep's jobs, a table first, and whether all that began are done."""
     notes = _notes(folder)
     if not notes:
         return "the sweep has no jobs: no value of what it goes through was found", False

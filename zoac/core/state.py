@@ -11,6 +11,8 @@ import io
 import json
 import sys
 import threading
+from collections.abc import Callable
+from functools import cache
 from typing import Any, Literal, NamedTuple
 
 import cloudpickle
@@ -63,7 +65,8 @@ def decode(encoded: Encoded) -> Any:
     """Return the state that `encode` took; its `OwnObject`s open their pickle when first used."""
     with np.load(io.BytesIO(encoded.plain), allow_pickle=False) as file:
         arrays = dict(file)
-    return _Reader(arrays, _Pickle(encoded.objects)).value(json.loads(arrays[_TREE].tobytes()))
+    objects = cache(lambda: cloudpickle.loads(encoded.objects))
+    return _Reader(arrays, objects).value(json.loads(arrays[_TREE].tobytes()))
 
 
 class _Writer:
@@ -111,8 +114,8 @@ class _Writer:
 class _Reader:
     """Puts a state together again."""
 
-    def __init__(self, arrays: dict[str, np.ndarray], pickled: _Pickle) -> None:
-        self._arrays, self._pickled = arrays, pickled
+    def __init__(self, arrays: dict[str, np.ndarray], objects: Callable[[], list[Any]]) -> None:
+        self._arrays, self._objects = arrays, objects
 
     def value(self, node: Any) -> Any:
         if isinstance(node, list):
@@ -131,7 +134,7 @@ class _Reader:
         if kind == "generator":
             return _generator(self.value(content))
         if kind == "object":
-            return _Stored(self._pickled, content)
+            return _Stored(self._objects, content)
         raise KeyError(kind)
 
     def _array(self, kind: str, start: int, shape: list[int], order: Any) -> np.ndarray:
@@ -145,28 +148,15 @@ def _generator(state: dict[str, Any]) -> np.random.Generator:
     return np.random.Generator(made)
 
 
-class _Pickle:
-    """The objects of a state, still as bytes until one is used."""
-
-    def __init__(self, content: bytes) -> None:
-        self._content = content
-        self._objects: list[Any] | None = None
-
-    def __getitem__(self, index: int) -> Any:
-        if self._objects is None:
-            self._objects = cloudpickle.loads(self._content)
-        return self._objects[index]
-
-
 class _Stored(OwnObject):
     """An object of a state that was read."""
 
-    def __init__(self, pickled: _Pickle, index: int) -> None:
-        self._pickled, self._index = pickled, index
+    def __init__(self, objects: Callable[[], list[Any]], index: int) -> None:
+        self._objects, self._index = objects, index
 
     @property
     def value(self) -> Any:
-        return self._pickled[self._index]
+        return self._objects()[self._index]
 
     def __reduce__(self) -> Any:
         return OwnObject, (self.value,)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from zoac.core.errors import ConfigError
-from zoac.loggers.flatten import numbers
+from zoac.loggers.base import numbers
 
 
 class TensorBoard:

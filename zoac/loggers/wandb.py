@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from zoac.loggers.flatten import numbers
+from zoac.loggers.base import numbers
 
 
 class Wandb:

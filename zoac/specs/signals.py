@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -58,7 +57,7 @@ def observation(index: int, unit: str = "") -> Signal:
         index: Which number, from 0.
         unit: For people to read.
     """
-    return Signal(f"observation({index})", partial(_observation, index), unit)
+    return Signal(f"observation({index})", lambda s: s.observations[:, index], unit)
 
 
 def action(index: int = 0, unit: str = "") -> Signal:
@@ -68,7 +67,7 @@ def action(index: int = 0, unit: str = "") -> Signal:
         index: Which number, from 0.
         unit: For people to read.
     """
-    return Signal(f"action({index})", partial(_action, index), unit)
+    return Signal(f"action({index})", lambda s: s.actions[:, index], unit)
 
 
 def info(key: str, unit: str = "") -> Signal:
@@ -78,7 +77,12 @@ def info(key: str, unit: str = "") -> Signal:
         key: Its key in `info`.
         unit: For people to read.
     """
-    return Signal(f"info({key!r})", partial(_info, key), unit, key)
+
+    def read(segment: Segment) -> np.ndarray:
+        first = segment.diagnostics[INFO_BEFORE + key][:1]
+        return np.concatenate([first, segment.diagnostics[INFO + key]])
+
+    return Signal(f"info({key!r})", read, unit, key)
 
 
 INFO, INFO_BEFORE = "info:", "info before:"
@@ -92,7 +96,7 @@ def diagnostic(name: str, unit: str = "") -> Signal:
         name: What the controller calls it.
         unit: For people to read.
     """
-    return Signal(f"diagnostic({name!r})", partial(_diagnostic, name), unit)
+    return Signal(f"diagnostic({name!r})", lambda s: s.diagnostics[name], unit)
 
 
 def constant(value: float, unit: str = "") -> Signal:
@@ -102,28 +106,8 @@ def constant(value: float, unit: str = "") -> Signal:
         value: Of every sample.
         unit: For people to read.
     """
-    return Signal(f"{value:g}", partial(_constant, float(value)), unit, number=float(value))
-
-
-def _observation(index: int, segment: Segment) -> np.ndarray:
-    return segment.observations[:, index]
-
-
-def _action(index: int, segment: Segment) -> np.ndarray:
-    return segment.actions[:, index]
-
-
-def _diagnostic(name: str, segment: Segment) -> np.ndarray:
-    return segment.diagnostics[name]
-
-
-def _info(key: str, segment: Segment) -> np.ndarray:
-    first = segment.diagnostics[INFO_BEFORE + key][:1]
-    return np.concatenate([first, segment.diagnostics[INFO + key]])
-
-
-def _constant(value: float, segment: Segment) -> np.ndarray:
-    return np.full(segment.length + 1, value)
+    number = float(value)
+    return Signal(f"{value:g}", lambda s: np.full(s.length + 1, number), unit, number=number)
 
 
 def named(signals: Mapping[str, Any]) -> dict[str, Signal]:
