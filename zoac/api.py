@@ -1,7 +1,5 @@
 """For people who write Python, not YAML."""
 
-from __future__ import annotations
-
 import inspect
 import sys
 import tempfile

@@ -3,8 +3,6 @@
 python -m zoac.run task=mpc_tracking tuner=zoac -m seed=0,1,2,3,4
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

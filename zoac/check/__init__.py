@@ -1,7 +1,5 @@
 """What must hold of a task before it is tuned: every check, and what it found."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 One verdict a line; exit code 1 if any is bad. It works on a user's task from their own folder.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Checks of a controller: what its actions depend on."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Checks of an environment, its parameters, its costs and its specs."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from typing import Any

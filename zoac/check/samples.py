@@ -1,7 +1,5 @@
 """Parameters and episodes to try a task with."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from zoac.core.segments import Proposal, Segment

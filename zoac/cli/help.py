@@ -3,8 +3,6 @@
 Hydra's own help composes every choice of every group first, which takes seconds.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import zoac.conf

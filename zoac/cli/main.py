@@ -4,8 +4,6 @@ zoac run task=pid_acc tuner=zoac seed=0      as python -m zoac.run ...
 zoac report runs                             as python -m zoac.analysis.report ...
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Sequence

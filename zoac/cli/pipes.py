@@ -1,7 +1,5 @@
 """How a command line ends and prints, whoever reads it and in whatever encoding."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys

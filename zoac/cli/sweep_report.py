@@ -4,8 +4,6 @@ Each job keeps a note, `<sweep folder>/<number>.json`, from its first moment on.
 sweep can tell of jobs that ran in other processes, those included that died without a word.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import platform

@@ -3,8 +3,6 @@
 `docs/which_tuner.md` has the rule and its measurements.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

@@ -3,8 +3,6 @@
 This module and `zoac.run` are the only ones that know Hydra.
 """
 
-from __future__ import annotations
-
 import itertools
 import re
 import threading

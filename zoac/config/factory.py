@@ -1,7 +1,5 @@
 """From a checked configuration to the objects of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import partial

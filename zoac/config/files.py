@@ -4,8 +4,6 @@
 is said. Both ways of reading give the same configuration, which a test holds.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from importlib.resources import files

@@ -5,8 +5,6 @@ closures, the globals that the code reads, and attributes. Code of Python itself
 packages and of zoac goes by its name; `run.json` has their versions.
 """
 
-from __future__ import annotations
-
 import copyreg
 import dis
 import functools

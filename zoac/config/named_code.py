@@ -4,8 +4,6 @@ A configuration names tasks and tuners, not programs. Finding a name imports its
 modules that a configuration names must be trusted like any other import.
 """
 
-from __future__ import annotations
-
 import functools
 import inspect
 import types

@@ -1,7 +1,5 @@
 """Types of the top-level keys, made from the settings, for Hydra to check."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import field, fields, make_dataclass
 from enum import Enum

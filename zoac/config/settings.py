@@ -4,8 +4,6 @@ The command line's types, `zoac.tune` and the comparison of runs are made from t
 defaults stand in `conf/run.yaml` too, and a test holds the two equal.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, Literal, get_args, get_type_hints

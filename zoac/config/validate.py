@@ -4,8 +4,6 @@ A constructor's type hints, with bounds as `Annotated[float, Field(gt=0)]`, are 
 YAML file: there is no second list to keep in step, and a user's own class is checked alike.
 """
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import math

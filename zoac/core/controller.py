@@ -1,7 +1,5 @@
 """What a controller is: a function of parameters, observation and memory."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Protocol
 

@@ -10,8 +10,6 @@ perturbation z = theta + sigma epsilon the cost averaged over epsilon is smooth 
 discrete parameters too, and eq. (10) estimates its gradient: `docs/discrete.md`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A stream is named by its purpose and an index, so adding an environment or a tun
 numbers never shifts anybody else's stream.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager

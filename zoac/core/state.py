@@ -5,8 +5,6 @@ generators, kept as JSON and arrays (npz). Anything else is refused, unless it i
 those are pickled together, apart from the rest. The pickle is opened when one of them is used.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import sys

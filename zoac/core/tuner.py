@@ -1,7 +1,5 @@
 """What a tuner is: it asks for rollouts, is told what happened, and recommends."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass

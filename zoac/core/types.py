@@ -1,7 +1,5 @@
 """Ranges of numbers that options declare, and what counts as a number."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import numpy as np

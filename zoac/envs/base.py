@@ -4,8 +4,6 @@ Each of the environments side by side owns its state (rows of arrays) and its ra
 can be saved, restored and moved to another process without touching the others.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager

@@ -1,7 +1,5 @@
 """A functional mock-up unit (FMI 2.0 or 3.0, co-simulation) as an environment."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -5,8 +5,6 @@ standard asks for, whatever fails: an instance is freed once, not after a fatal 
 in a forked process nor while Python ends, when what an FMU embeds may be gone.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import tempfile

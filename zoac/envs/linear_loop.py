@@ -6,8 +6,6 @@ f) T_s, 0 < f <= 1, the input of d samples ago acts for the first f T_s of a ste
 for the rest.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

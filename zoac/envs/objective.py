@@ -1,7 +1,5 @@
 """Which of an environment's signals is minimised: the negative reward, or a number of its info."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Numbers of a user's environment that are set before every episode: fixed ones and drawn ones."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """A user's single environment: made, copied, and what can be said of it before it is stepped."""
 
-from __future__ import annotations
-
 import copy
 import inspect
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """States of a user's environment: by its own methods, by MuJoCo's functions, or by deep copies."""
 
-from __future__ import annotations
-
 import copy
 import inspect
 import sys

@@ -5,8 +5,6 @@ they are there, one batch runs in both places: the workers take over if they giv
 Environments come back if workers turn out to be no faster. Numbers depend on none of this.
 """
 
-from __future__ import annotations
-
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Where environments run: a map over groups of environments, nothing more."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal

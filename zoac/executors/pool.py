@@ -1,7 +1,5 @@
 """Environments divided among workers: processes here, or actors of a cluster."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`executor=process`: groups of environments in processes of this machine."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import subprocess

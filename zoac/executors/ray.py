@@ -4,8 +4,6 @@ Ray restarts an actor that died, wherever there is room, and repeats the call th
 This module restores the environments of a restarted actor.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from typing import Any

@@ -5,8 +5,6 @@ kills the worker once that has stood still for too long. Its replacement does th
 up to that step, which then fails instead of being called.
 """
 
-from __future__ import annotations
-
 import mmap
 import os
 import struct

@@ -5,8 +5,6 @@ Requests and replies are cloudpickles, each behind its length. The worker ends w
 input does, unless a step of the user's holds the interpreter; `zoac.executors.guard` sees to that.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import sys

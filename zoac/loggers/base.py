@@ -1,7 +1,5 @@
 """What takes a run's rows beside its folder, and its numbers by flat names."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Protocol
 

@@ -1,7 +1,5 @@
 """A user's own code that follows a run: `zoac.tune(..., callbacks=[...])`."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy

@@ -1,7 +1,5 @@
 """The rows of a run as a table that draws the learning curve."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """A result in a few lines or a small table: parameters, cost and specs, before and after."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """What a sweep prints of its jobs: a line for each, and a table at the end."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Model predictive control: your own model, weights and bounds, as a controller to tune."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 

@@ -1,7 +1,5 @@
 """A solve of n linearised problems, and a second, robust one where the first fails."""
 
-from __future__ import annotations
-
 import logging
 import time
 

@@ -1,7 +1,5 @@
 """Functions compiled by Numba, kept on disk where there is a place for it."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from typing import Any

@@ -6,8 +6,6 @@ which tasks of zoac do not need. A pickle runs code when it is opened. This one 
 run goes on that uses such objects: go on with other people's runs only if you trust them.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

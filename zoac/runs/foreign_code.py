@@ -1,7 +1,5 @@
 """What building a task from a configuration would load that is not zoac's own."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Iterator, Mapping
 from typing import Any

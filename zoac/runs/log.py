@@ -3,8 +3,6 @@
 The run folder is the truth. A logger that fails is dropped with one warning; the run goes on.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence

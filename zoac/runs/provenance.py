@@ -1,7 +1,5 @@
 """What `run.json` keeps of code and machine: versions, commit, processor."""
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess

@@ -11,8 +11,6 @@ in a result, null is read as NaN.
 Identity is read from `run.json`, never from folder names.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """What figures draw: named signals, their references, and the limits that specs put on them."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -3,8 +3,6 @@
 Specs are judged over whole episodes: segments that begin an episode and end it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat

@@ -5,8 +5,6 @@ continuous or discrete time, which is closed with negative feedback. Where the c
 unstable margins are 0 and the sensitivity is infinite.
 """
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 

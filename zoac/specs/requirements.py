@@ -7,8 +7,6 @@ All take the names of signals first, which are `y`, `r` and `u` unless others ar
 keyword `max`, `min`, `over`, `weight` and `window`: see `zoac.specs.Spec`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

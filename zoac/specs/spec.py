@@ -1,7 +1,5 @@
 """One requirement: a figure of the response or of the loop, its limit, and over what it counts."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence

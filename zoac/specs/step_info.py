@@ -5,8 +5,6 @@ samples (K,). The step is from `y[0]` to the last sample of `r`, up or down. A r
 sample that is not finite has no value: the functions return infinity, which breaks every limit.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 Samples = np.ndarray | float

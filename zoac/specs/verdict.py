@@ -1,7 +1,5 @@
 """What evaluation episodes come to by specs, and the table of that in a result."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The acceptance test: the answer must beat the baseline on held-out episodes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

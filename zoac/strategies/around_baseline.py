@@ -1,7 +1,5 @@
 """Searching around the baseline: where a tuner begins, and how far it looks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -4,8 +4,6 @@ A strategy's constructor takes the `Problem`, a function that makes the tuner in
 and its options by keyword. The inner tuner's problem has the budget that the strategy leaves it.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The answer of a run is the best of its recommendations on held-out episodes, not the last one."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Candidates for the answer, compared on the same held-out episodes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An answer that keeps hard specs in episodes that the search did not see."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Strategies for any tuner: an initial design, and common random numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

@@ -8,8 +8,6 @@ No test can promise more about the mean. Whatever a rule sees in n pairs, a fail
 appear in them may outweigh every gain (Bahadur and Savage, 1956). `unseen_rate` says how rare.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ round. Offspring joins them: one of them plus a difference of two others (differ
 Storn and Price, 1997), which follows a narrow valley whatever its direction and scale.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, Literal

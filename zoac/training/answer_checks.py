@@ -1,7 +1,5 @@
 """Warnings about the answer of a run, such as that the baseline was better."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Evaluation of what a tuner recommends, on episodes that are the same for every tuner."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from typing import Any

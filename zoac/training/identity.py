@@ -1,7 +1,5 @@
 """What tells a run from others beside its settings: the user's own code and objects."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -5,8 +5,6 @@ unlocks when the process of the sweep ends. The job then stops after its iterati
 checkpoint, and its process ends within `GRACE` seconds.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 import time

@@ -1,7 +1,5 @@
 """What a run has spent and met so far."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

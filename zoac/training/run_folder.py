@@ -1,7 +1,5 @@
 """The folder of a run: its name, its lock, and what an earlier run left in it."""
 
-from __future__ import annotations
-
 import errno
 import re
 import shutil

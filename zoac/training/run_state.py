@@ -1,7 +1,5 @@
 """The state of a run: what a checkpoint holds, and how a run goes on from one."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Mapping

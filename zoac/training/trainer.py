@@ -3,8 +3,6 @@
 It does not know who is tuning, what is tuned, or where environments run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any

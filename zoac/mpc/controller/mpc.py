@@ -1,7 +1,5 @@
 """Your own MPC: a model, weights, bounds and a reference, as a controller that can be tuned."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The numbers of an MPC by name: values, and bounds within which a tuner may move them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any

@@ -13,8 +13,6 @@ that is linear in them becomes a further state with a weight and bounds of its o
 So cross terms, rates and terminal matrices reach every solver in the same way.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

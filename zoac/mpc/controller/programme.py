@@ -1,7 +1,5 @@
 """Weights and bounds of an MPC, as the objective of a model with outputs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """What states and inputs of an MPC shall be: constants, parts of the observation, a function."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

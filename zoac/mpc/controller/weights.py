@@ -1,7 +1,5 @@
 """Matrices of weights, and what they are as weights of single outputs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """The C file: CasADi's generated functions, and the loop around them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -9,8 +9,6 @@ z_k = (rollout)_k + G_k v, the programme of `zoac.mpc.problem.LinearisedProblem`
 Rows are scaled: those of the box by its width, those of a state by how far the inputs move it.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi

@@ -1,7 +1,5 @@
 """What an MPC computes with its parameters fixed, ready to be written in another language."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any

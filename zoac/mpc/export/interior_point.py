@@ -9,8 +9,6 @@ CasADi's own interior point (`ipqp`) cannot be generated as C, and its `qrqp`, w
 in a tenth of these programmes; see docs/export_mpc.md.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi

@@ -1,7 +1,5 @@
 """A model whose Jacobians CasADi derives."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 

@@ -9,8 +9,6 @@ Entries are numbers, arrays of numbers (several points at once), complex numbers
 symbols, whatever the model needs; the function does not see the difference.
 """
 
-from __future__ import annotations
-
 import keyword
 import math
 from collections import namedtuple

@@ -1,7 +1,5 @@
 """A model from a function of NumPy or numba, with Jacobians given or by small differences."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Proof that a plan is optimal, from the problem's data alone, whatever its solver said of it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from zoac.mpc.compiled import compiled

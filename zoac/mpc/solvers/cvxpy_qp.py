@@ -1,7 +1,5 @@
 """CVXPY's own `problem.solve()`: the plain reference that faster paths are tested against."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any, ClassVar
 

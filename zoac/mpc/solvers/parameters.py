@@ -6,8 +6,6 @@ interior-point method begins at slacks of about 1 whatever the numbers; scaled s
 fewer iterations in closed loop, and its plans are no less accurate.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

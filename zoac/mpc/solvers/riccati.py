@@ -1,7 +1,5 @@
 """`mpc_solver=riccati`: the structured solver of `zoac.mpc.riccati` (`docs/solver.md`)."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import ClassVar
 

@@ -13,8 +13,6 @@ All but the first are powers of two, which scale without rounding, and are 1 whi
 within `STATE_RANGE` or `COST_RANGE` of it: a well-scaled problem is solved as it stands.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
