@@ -53,8 +53,7 @@ class Riccati:
         """
         try:
             found = solve_about(
-                *problem.data,
-                *problem.box,
+                *(*problem.data, *problem.box),
                 nonzero=None if problem.sparsity is None else _pattern(problem.sparsity),
                 robust=robust,
                 sweeps=self.sweeps,
