@@ -130,7 +130,7 @@ class ZoacPlus(TunerStrategy):
         exploration: Exploration = Exploration(segment_length=50, segments=2, sigma=0.07),
         step_size: StepSize = StepSize(first=3e-2, last=None, slope=0.0),
         critic: CriticOptions = CriticOptions((64, 64), epochs=5, normalise_observations=True),
-        start: Literal["random", "baseline", "middle"] = "random",
+        start: Literal["random", "baseline"] = "random",
         gamma: UnitInterval = 0.99,
         lam: UnitInterval = 0.95,
         standardise_advantages: bool = True,
