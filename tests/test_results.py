@@ -7,6 +7,7 @@ from pathlib import Path
 import matplotlib
 import pandas as pd
 import pytest
+from scipy.stats import ttest_ind
 
 from benchmarks.remake import MADE
 from zoac.analysis import curves, suite
@@ -121,3 +122,17 @@ def test_the_page_has_the_scores_of_the_suite():
         (row,) = (line for line in page.splitlines() if line.startswith(f"| `{tuner}` | "))
         interval = f"[{found.low:.2f}, {found.high:.2f}]"
         assert any(f"{value} {interval}" in row for value in bold), (count, tuner)
+
+
+def test_the_page_has_the_returns_of_linear_policies():
+    page = (ROOT / "docs" / "policies.md").read_text()
+    rows = pd.read_csv(RESULTS / "linear_policies.csv")
+    for (env, noise), both in rows.groupby(["env", "noise"]):
+        found = {method: own.return_mean for method, own in both.groupby("method")}
+        cells = [f"{found[m].mean():,.0f} ± {found[m].std():,.0f}" for m in ("zoac", "ars")]
+        difference = ttest_ind(found["zoac"], found["ars"], equal_var=False)
+        interval = difference.confidence_interval()
+        gain = found["zoac"].mean() - found["ars"].mean()
+        cells.append(f"{gain:+,.0f} [{interval.low:,.0f}, {interval.high:,.0f}]")
+        assert f"| {env} | {noise:g} | {' | '.join(cells)} |" in page
+        assert all(len(own) == 10 for own in found.values())

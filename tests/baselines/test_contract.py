@@ -19,6 +19,7 @@ from tests.baselines.support import (
     true_cost,
     tuner_config,
 )
+from tests.support import needs_its_library
 from zoac.config.factory import baseline_use, build
 from zoac.config.settings import Settings
 from zoac.core.errors import ConfigError
@@ -130,6 +131,7 @@ def test_a_tuner_that_is_given_start_values_begins_there_or_says_that_it_only_co
 ):
     """There is: its first points are centred there, or the start is one of them."""
     config = tuner_config(name) | OPTIONS.get(name, {})
+    needs_its_library(config["_target_"])
     if recommendation == "best_seen" and "recommendation" in config:
         config["recommendation"] = recommendation
     takes_a_start = "start" in config

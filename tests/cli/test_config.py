@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from hydra.errors import HydraException
 
+from tests.support import needs_its_library
 from zoac.config import factory
 from zoac.config.compose import (
     check_overrides,
@@ -45,6 +46,7 @@ def test_every_choice_of_every_group_composes_and_builds(group, name):
 @pytest.mark.parametrize("task", [t for t in names("task") if t != "program"])
 def test_every_tuner_is_built_for_every_task(tuner, task):
     config = resolved(compose_config([f"tuner={tuner}", f"task={task}"]))
+    needs_its_library(config["tuner"]["_target_"])
     settings = factory.build_settings(config)
     built = factory.build_tuner(config["tuner"], factory.build_task(config), settings)
     assert all(isinstance(key, str) for key in built.describe())

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support import needs_its_library
 from zoac.config import factory
 from zoac.config.compose import compose_config, resolved
 from zoac.runs.schema import read_metrics
@@ -28,6 +29,7 @@ def test_a_small_run_keeps_its_budget_and_recommends_inside_the_box(tuner, task,
         f"task.max_episode_steps={STEPS}", "evaluation.episodes=2", "evaluation.final_episodes=3",
         "mpc_solver=riccati", "checkpoint_seconds=0",
     ]))  # fmt: skip
+    needs_its_library(config["tuner"]["_target_"])
     settings, the_task = factory.build_settings(config), factory.build_task(config)
     the_tuner = factory.build_tuner(config["tuner"], the_task, settings)
     batches = []

@@ -10,7 +10,7 @@ import pytest
 
 import zoac.strategies
 from tests.contracts.test_pairs import names
-from tests.support import CountingTask, engine
+from tests.support import CountingTask, engine, needs_its_library
 from zoac.config import factory
 from zoac.config.compose import compose_config, resolved
 from zoac.core.errors import ConfigError
@@ -46,6 +46,7 @@ def strategies():
 
 def make(strategy, tuner):
     node = resolved(compose_config([f"tuner={tuner}"]))["tuner"]
+    needs_its_library(node["_target_"])
     baseline = CountingTask.space.normalise(CountingTask.baseline)
     problem = Problem(CountingTask.space, 3, NUM_ENVS, BUDGET, STEPS, 0, start=baseline,
                       baseline=baseline)  # fmt: skip

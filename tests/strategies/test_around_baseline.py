@@ -12,12 +12,12 @@ def test_start_sigma_and_step_sizes_are_set():
     options = {
         "start": "random",
         "exploration": {"segments": 5, "sigma": 0.1},
-        "step_size": {"first": 0.05, "last": None, "anneal": True},
+        "step_size": {"rule": "adam", "first": 0.05, "last": None, "anneal": True},
     }
     assert around_baseline(options, 0.3) == {
         "start": "baseline",
         "exploration": {"segments": 5, "sigma": 0.3},
-        "step_size": {"first": pytest.approx(0.15), "last": None, "anneal": True},
+        "step_size": {"rule": "adam", "first": pytest.approx(0.15), "last": None, "anneal": True},
     }
     flat = around_baseline({"start": "random", "sigma": 0.1, "step_size": 0.05}, 0.3)
     assert flat == {"start": "baseline", "sigma": 0.3, "step_size": pytest.approx(0.15)}

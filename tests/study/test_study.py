@@ -334,7 +334,7 @@ def test_other_values_for_the_same_results_are_noticed(tmp_path):
     ("options", "says"),
     [
         ({"tuner": "zoac"}, "learns from single steps of an episode"),
-        ({"tuner": "zoac_plus"}, "known: bo, cmaes"),
+        ({"tuner": "zoac_plus"}, "known: bo, botorch, cmaes"),
         ({"tuner": "cmase"}, "did you mean"),
         ({"tuner": "es", "experiments": 15}, "learns from 20 at a time, and 14 are left"),
         ({"tuner": "es", "acceptance_test": 0.5}, "learns from 20 at a time, and 14 are left"),

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from zoac.core.errors import ConfigError
+from zoac.core.types import is_number
 
 
 def around_baseline(options: Mapping[str, Any], initial_sigma: float) -> dict[str, Any]:
@@ -43,5 +44,4 @@ def _scaled(step_size: Any, factor: float) -> Any:
     """Return a step size, or ZOAC's group of them, times a factor."""
     if not isinstance(step_size, Mapping):
         return step_size * factor
-    lengths = {k: v for k, v in step_size.items() if not isinstance(v, bool) and v is not None}
-    return {**step_size, **{name: value * factor for name, value in lengths.items()}}
+    return {k: v * factor if is_number(v) else v for k, v in step_size.items()}
