@@ -335,3 +335,27 @@ def test_steps_of_other_environments_do_not_count():
     assert [envs.step(actions, ~alone)[3].tolist() for _ in range(3)] == [
         [False, False], [False, False], [False, True],
     ]  # fmt: skip
+
+
+class Blind(Drift):
+    """Its observation is nan, and its episode over, once x has moved by an action of 1."""
+
+    def step(self, action):
+        observation, reward, _, cut, info = super().step(action)
+        blind = float(action[0]) == 1.0
+        return observation * (np.nan if blind else 1.0), reward, blind, cut, info
+
+
+def test_where_an_observation_is_not_finite_the_environment_fails_and_its_last_one_stays():
+    envs = GymnasiumVecEnv([Blind(), Blind()], 5)
+    before, _ = envs.reset(seed=[0, 1])
+    seen, rewards, terminated, truncated, infos = envs.step(np.array([[1.0], [0.0]]))
+    assert seen[0] == before[0]
+    assert seen[1] != before[1]
+    assert list(infos["failures"]) == [0]
+    assert "every number must be finite" in str(infos["failures"][0])
+    assert (rewards[0], infos["cost"][0]) == (0.0, 0.0)
+    assert rewards[1] < 0.0
+    assert not terminated.any()
+    assert not truncated.any()
+    assert envs.state([0])["seen"] == before[0]
