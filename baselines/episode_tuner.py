@@ -8,11 +8,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from zoac.algorithm.strategies.held_out import HeldOut
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner
 from zoac.core.types import Count, Fraction
 from zoac.rollout.outcomes import CostRange, Outcomes, bad_is_infinite, cost_sums
-from zoac.strategies.held_out import HeldOut
 
 
 class EpisodeTuner(Tuner):

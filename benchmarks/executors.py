@@ -14,8 +14,8 @@ import numpy as np
 
 import zoac
 from zoac.core.segments import Proposal
-from zoac.executors.base import Executor, Serial
-from zoac.executors.process import Process
+from zoac.rollout.executors.base import Executor, Serial
+from zoac.rollout.executors.process import Process
 
 
 def steps_per_second(

@@ -23,8 +23,8 @@ from benchmarks.figures import FIGURES, pyplot, save
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.segments import Proposal
 from zoac.envs.base import ArrayVecEnv
-from zoac.executors.base import Executor, Serial
-from zoac.executors.process import Process
+from zoac.rollout.executors.base import Executor, Serial
+from zoac.rollout.executors.process import Process
 from zoac.rollout.task import Task
 
 

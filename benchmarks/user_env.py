@@ -21,9 +21,9 @@ import gymnasium
 import numpy as np
 
 from zoac.core.segments import Proposal
-from zoac.executors.base import Executor, Serial
-from zoac.executors.process import Process
 from zoac.rollout.engine import RolloutEngine
+from zoac.rollout.executors.base import Executor, Serial
+from zoac.rollout.executors.process import Process
 from zoac.tasks.user_task import user_task
 
 ENV, NUM_ENVS, EPISODES = "Pendulum-v1", 10, 5

@@ -22,7 +22,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from zoac.config.compose import compose_config, resolved
 from zoac.envs.base import ArrayVecEnv
-from zoac.training.lifecycle import run_session
+from zoac.runs.training.lifecycle import run_session
 
 SHORT = ("budget=500", "evaluation.episodes=1", "evaluation.final_episodes=1")
 

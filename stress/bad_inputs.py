@@ -1,6 +1,6 @@
 """Bad inputs and the message each one gets: `python -m stress.bad_inputs > docs/errors.md`.
 
-`tests/cli/test_bad_inputs.py` tests the same table, and that the page is up to date.
+`tests/run/test_bad_inputs.py` tests the same table, and that the page is up to date.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from zoac import run
+from zoac.run import command
 
 # What does begin to run must soon be over.
 SHORT = [
@@ -69,7 +69,7 @@ def _main(arguments: list[str], output: io.StringIO, errors: io.StringIO) -> int
     sys.argv = ["zoac.run", *arguments]
     with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
         try:
-            run.main()
+            command.main()
         except SystemExit as stop:
             if isinstance(stop.code, str):
                 print(stop.code, file=sys.stderr)

@@ -29,10 +29,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from zoac import run
 from zoac.config.compose import compose_config
 from zoac.core.measures import CLOCKS
-from zoac.executors import process, worker
+from zoac.rollout.executors import process, worker
+from zoac.run import command
 from zoac.runs import checkpoint
 from zoac.runs.schema import is_done, read_metrics, read_result
 
@@ -76,7 +76,7 @@ def outcome(folder: Path) -> list[str]:
 
 
 class ForkedWorker:
-    """What `zoac.executors.process` needs of a worker: here forked from this process."""
+    """What `zoac.rollout.executors.process` needs of a worker: here forked from this process."""
 
     def __init__(self, *_arguments: Any, **_options: Any) -> None:
         requests, to_worker = os.pipe()
@@ -121,7 +121,7 @@ def _run(arguments: list[str], folder: Path) -> None:
     os.dup2(output, 2)
     sys.argv = ["zoac.run", *arguments, f"runs_dir={folder}"]
     try:
-        run.main()
+        command.main()
     except BaseException as error:
         if isinstance(error, SystemExit) and not error.code:
             return
@@ -222,7 +222,7 @@ def main() -> None:
     options = parser.parse_args()
     if not options.own_workers:
         vars(process)["guard"] = SimpleNamespace(started=ForkedWorker, kill=ForkedWorker.kill)
-    importlib.import_module("zoac.training.lifecycle")
+    importlib.import_module("zoac.runs.training.lifecycle")
     for group, names in (("task", options.tasks), ("tuner", options.tuners)):
         for name in names:
             target = compose_config([f"{group}={name}"])[group]["_target_"]

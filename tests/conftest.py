@@ -22,7 +22,7 @@ def temporary_folders_end_with_the_test(tmp_path, monkeypatch):
 @pytest.fixture
 def stopping(monkeypatch):
     """Call to have every run stop after so many iterations; None: no more."""
-    from zoac.training.trainer import Trainer
+    from zoac.runs.training.trainer import Trainer
 
     original = Trainer.__init__
 

@@ -47,11 +47,11 @@ register()
 if TYPE_CHECKING:
     from zoac import mpc as mpc
     from zoac import specs as specs
-    from zoac.api import make_task as make_task
-    from zoac.api import tune as tune
     from zoac.core.errors import Interrupted as Interrupted
-    from zoac.loggers.callback import Callback as Callback
     from zoac.pid.tuning import tune_pid as tune_pid
+    from zoac.run.api import make_task as make_task
+    from zoac.run.api import tune as tune
+    from zoac.runs.loggers.callback import Callback as Callback
     from zoac.runs.result import Result as Result
     from zoac.runs.result import load_result as load_result
     from zoac.specs.signals import action as action
@@ -61,17 +61,17 @@ if TYPE_CHECKING:
     from zoac.study.study import Study as Study
 
 _HOMES = {
-    "Callback": "loggers.callback",
+    "Callback": "runs.loggers.callback",
     "Interrupted": "core.errors",
     "Result": "runs.result",
     "action": "specs.signals",
     "info": "specs.signals",
     "load_result": "runs.result",
-    "make_task": "api",
+    "make_task": "run.api",
     "observation": "specs.signals",
     "program": "study.program",
     "Study": "study.study",
-    "tune": "api",
+    "tune": "run.api",
     "tune_pid": "pid.tuning",
 }
 __all__ = [

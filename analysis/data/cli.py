@@ -13,8 +13,8 @@ from typing import Any
 
 from zoac.analysis.data.load import load
 from zoac.analysis.data.runs import WITHOUT_VARIANT, Collection
-from zoac.cli.pipes import reader_may_leave
 from zoac.core.errors import ConfigError, ZoacError, suggest
+from zoac.run.pipes import reader_may_leave
 
 FORMATS = ("svg", "pdf", "png")
 WIDTH = 100

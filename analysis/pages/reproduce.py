@@ -82,7 +82,7 @@ def _command(run: Run) -> str:
 
 
 def _of_command_line(program: str) -> bool:
-    return program.endswith(("zoac/run.py", "zoac run")) or program == "zoac.run"
+    return program.endswith(("zoac/run/__main__.py", "zoac run")) or program == "zoac.run"
 
 
 def _overrides(run: Run) -> list[str]:

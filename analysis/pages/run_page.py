@@ -15,7 +15,7 @@ from zoac.analysis.pages.formatting import estimate, signed, significant
 from zoac.analysis.pages.parameters import parameters
 from zoac.analysis.pages.reproduce import reproduce
 from zoac.analysis.pages.requirements import requirements, verdicts
-from zoac.loggers.summary import ROUNDING
+from zoac.runs.loggers.summary import ROUNDING
 
 
 def details(run: Run, reference: Run | None, replays: bool, more: str = "") -> str:

@@ -61,7 +61,7 @@ def write_run(
         "seed": seed,
         "budget": 1000,
         "num_envs": 2,
-        "executor": {"_target_": "zoac.executors.base.Serial"},
+        "executor": {"_target_": "zoac.rollout.executors.base.Serial"},
         "eval_every": 500,
         "evaluation": {"episodes": 2, "final_episodes": len(costs), "seed": 0},
         "variant": variant,
@@ -80,7 +80,7 @@ def write_run(
         {
             **shared,
             "config": settings,
-            "command": ["zoac/run.py", f"task={task}", f"tuner={tuner}", f"seed={seed}"],
+            "command": ["zoac/run/__main__.py", f"task={task}", f"tuner={tuner}", f"seed={seed}"],
             "tuner_choices": {"start": "uniform <from the seed>"},
             "parameters": SPACE,
             "nominal": NOMINAL,

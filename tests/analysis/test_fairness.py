@@ -47,7 +47,9 @@ def test_seeds_on_two_plants_of_one_name_never_count_as_one_method(
 
 def test_where_a_run_was_executed_does_not_set_it_apart(tmp_path: Path) -> None:
     write_run(tmp_path, seed=0)
-    write_run(tmp_path, seed=1, config={"executor": {"_target_": "zoac.executors.base.Process"}})
+    write_run(
+        tmp_path, seed=1, config={"executor": {"_target_": "zoac.rollout.executors.base.Process"}}
+    )
     refuse_mixed(load(tmp_path).runs)
 
 

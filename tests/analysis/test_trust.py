@@ -58,11 +58,11 @@ def kinds(trace: Path) -> dict[str, Any]:
         "module": inner,
         "callable": {"_target_": "os.system", "command": f"touch {trace}"},
         "callable seen from zoac": {
-            "_target_": "zoac.training.lifecycle.os.system",
+            "_target_": "zoac.runs.training.lifecycle.os.system",
             "command": "true",
         },
         "function of zoac": {"_target_": "zoac.runs.schema.write_atomically", "path": str(trace)},
-        "maker of zoac": {"_target_": "zoac.api.make_task", "name": "trap"},
+        "maker of zoac": {"_target_": "zoac.run.api.make_task", "name": "trap"},
         "solver": {"_target_": "zoac.tasks.mpc_tracking.MpcTracking", "solver": inner},
         "in a list": {**PID, "more": [inner]},
         "env": {**user, "env": "trap.Env", "controller": "zoac.tasks.pid_acc.PidAcc"},

@@ -11,7 +11,7 @@ from zoac.config.compose import compose_config, resolved
 from zoac.core.errors import ConfigError
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.runs import schema
-from zoac.training.lifecycle import run_session
+from zoac.runs.training.lifecycle import run_session
 
 
 def task(dimension, with_specs=False):

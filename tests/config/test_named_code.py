@@ -16,9 +16,9 @@ from zoac.config.compose import compose_config, resolved
 from zoac.config.named_code import kinds_of, locate_code, locate_maker
 from zoac.core.errors import ConfigError
 from zoac.core.tuner import Problem, Tuner
-from zoac.executors.base import Executor, Serial
 from zoac.mpc.problem import Solver
 from zoac.mpc.sqp import MpcOptions
+from zoac.rollout.executors.base import Executor, Serial
 from zoac.rollout.task import Task
 from zoac.runs.log import Logger
 from zoac.tasks.pendulum import Pendulum
@@ -33,7 +33,7 @@ FOREIGN = [
     "builtins.object",
     "pathlib.Path.cwd",
     "zoac.runs.schema.write_atomically",
-    "zoac.api.tune",
+    "zoac.run.api.tune",
     "zoac.core.parameters.Parameter",
 ]
 
@@ -132,9 +132,9 @@ def test_a_node_for_an_argument_without_a_class_is_refused():
         ("tests.config.test_named_code.pendulum", Task),
         ("tests.config.test_named_code.alternative", Task),
         ("zoac.tasks.user_task.user_task", Task),
-        ("zoac.executors.base.Serial", Executor),
+        ("zoac.rollout.executors.base.Serial", Executor),
         ("zoac.mpc.solvers.clarabel_qp.ClarabelSolver", Solver),
-        ("zoac.loggers.wandb.Wandb", Logger),
+        ("zoac.runs.loggers.wandb.Wandb", Logger),
     ],
 )
 def test_a_subclass_or_a_function_that_is_annotated_passes(path, kind):
@@ -155,7 +155,7 @@ def named(**changes):
 @pytest.mark.parametrize("key", ["env", "controller", "metrics", "constraints"])
 @pytest.mark.parametrize(
     "path", [*FOREIGN[:5], "tests.config.test_named_code.shell", "numpy.save", "pandas.eval",
-             "torch.load", "zoac.api.make_task", "tests.config.test_named_code.popen"],
+             "torch.load", "zoac.run.api.make_task", "tests.config.test_named_code.popen"],
 )  # fmt: skip
 def test_a_path_that_leads_to_a_program_is_refused(key, path):
     value = {"mine": path} if key in ("metrics", "constraints") else path
@@ -180,7 +180,9 @@ def test_a_users_own_code_passes(changes):
     assert isinstance(named(**changes).space.dimension, int)
 
 
-@pytest.mark.parametrize("other", ["zoac.tasks.pendulum.Pendulum", "zoac.executors.base.Serial"])
+@pytest.mark.parametrize(
+    "other", ["zoac.tasks.pendulum.Pendulum", "zoac.rollout.executors.base.Serial"]
+)
 def test_a_class_of_another_kind_is_no_environment(other):
     with pytest.raises(ConfigError, match="env: .* expected a gymnasium.Env, its class"):
         named(env=other)

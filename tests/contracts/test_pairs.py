@@ -9,7 +9,7 @@ from tests.support import needs_its_library
 from zoac.config import factory
 from zoac.config.compose import compose_config, resolved
 from zoac.runs.schema import read_metrics
-from zoac.training.lifecycle import Run, execute
+from zoac.runs.training.lifecycle import Run, execute
 
 CONF = Path(__file__).parents[2] / "conf"
 NUM_ENVS, STEPS, BUDGET = 2, 12, 100

@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import zoac.strategies
+import zoac.algorithm.strategies
 from tests.contracts.test_pairs import names
 from tests.support import CountingTask, engine, needs_its_library
+from zoac.algorithm.strategies.acceptance_test import AcceptanceTest
+from zoac.algorithm.strategies.base import TunerStrategy
+from zoac.algorithm.strategies.final_selection import FinalSelection
+from zoac.algorithm.strategies.held_specs import HeldSpecs
+from zoac.algorithm.strategies.initial_design import CommonRandomNumbers, InitialDesign
+from zoac.algorithm.strategies.successive_halving import SuccessiveHalving
 from zoac.config import factory
 from zoac.config.compose import compose_config, resolved
 from zoac.core.errors import ConfigError
 from zoac.core.state import decode, encode
 from zoac.core.tuner import Problem, Tuner
-from zoac.strategies.acceptance_test import AcceptanceTest
-from zoac.strategies.base import TunerStrategy
-from zoac.strategies.final_selection import FinalSelection
-from zoac.strategies.held_specs import HeldSpecs
-from zoac.strategies.initial_design import CommonRandomNumbers, InitialDesign
-from zoac.strategies.successive_halving import SuccessiveHalving
 
 BUDGET, NUM_ENVS, STEPS = 210, 4, 7
 
@@ -37,8 +37,8 @@ MAKE = {
 
 
 def strategies():
-    for path in Path(zoac.strategies.__file__).parent.glob("*.py"):
-        module = importlib.import_module(f"zoac.strategies.{path.stem}")
+    for path in Path(zoac.algorithm.strategies.__file__).parent.glob("*.py"):
+        module = importlib.import_module(f"zoac.algorithm.strategies.{path.stem}")
         for thing in vars(module).values():
             if inspect.isclass(thing) and issubclass(thing, TunerStrategy):
                 yield thing
@@ -111,7 +111,7 @@ def test_strategies_are_composed_by_configuration_the_first_the_outermost():
 
 
 def test_a_strategy_of_ones_own_is_named_by_its_target():
-    path = "zoac.strategies.initial_design.CommonRandomNumbers"
+    path = "zoac.algorithm.strategies.initial_design.CommonRandomNumbers"
     made = composed("tuner=random", f"+tuner.strategies.mine._target_={path}")
     assert isinstance(made, CommonRandomNumbers)
 

@@ -15,8 +15,8 @@ from zoac.controllers.user_controller import ScalarController
 from zoac.core.errors import ConfigError, ControllerError
 from zoac.core.segments import Proposal
 from zoac.rollout.engine import RolloutEngine
+from zoac.runs.training.trainer import Trainer
 from zoac.tasks.user_task import user_task
-from zoac.training.trainer import Trainer
 
 
 def group(controller, env_indices=(0, 1), penalty=None, **options):

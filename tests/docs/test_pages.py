@@ -114,4 +114,4 @@ def test_the_site_builds_strictly(tmp_path):
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "api" / "index.html").read_text().count("zoac.api.tune")
+    assert (tmp_path / "api" / "index.html").read_text().count("zoac.run.api.tune")

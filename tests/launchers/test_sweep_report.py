@@ -7,10 +7,10 @@ import sys
 import numpy as np
 import pytest
 
-from zoac.cli import sweep_report
-from zoac.cli.sweep_report import keep_given, noted, report
 from zoac.config.compose import compose_config, explain, variant_of
 from zoac.core.errors import ConfigError
+from zoac.run import sweep_report
+from zoac.run.sweep_report import keep_given, noted, report
 
 
 def test_a_failure_is_noted_and_goes_no_further(tmp_path, capsys):

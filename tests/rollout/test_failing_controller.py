@@ -7,7 +7,7 @@ import zoac
 from tests.envs.test_adapters import Drift
 from tests.support import CountingTask, EchoController, engine, proposal, same_segment
 from zoac.core.errors import ConfigError, ControllerError
-from zoac.executors.process import Process
+from zoac.rollout.executors.process import Process
 
 
 class Failing(EchoController):

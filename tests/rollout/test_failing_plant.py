@@ -11,9 +11,9 @@ from tests.support import CountingTask, CountingVecEnv, engine, proposal, same_s
 from zoac.core.errors import ConfigError, EnvironmentFailure, NothingWorksError
 from zoac.core.measures import Constraint, Metric
 from zoac.core.segments import Proposal
-from zoac.executors.process import Process
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.evaluation import evaluation_row
+from zoac.rollout.executors.process import Process
 from zoac.runs.schema import read_metrics
 from zoac.tasks.user_task import user_task
 

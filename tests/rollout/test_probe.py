@@ -19,8 +19,8 @@ from tests.envs.test_adapters import Drift
 from tests.support import CountingTask, engine, proposal, same_segment
 from zoac import check
 from zoac.core.errors import ConfigError
+from zoac.runs.training.trainer import Trainer
 from zoac.tasks.user_task import user_task
-from zoac.training.trainer import Trainer
 
 FILES = (Path(__file__).parents[2] / "conf" / "task").glob("*.yaml")
 TASKS = sorted({p.stem for p in FILES} - {"program"})  # it has no environment

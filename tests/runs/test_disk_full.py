@@ -9,10 +9,10 @@ from tests.support import CountingTask
 from zoac.algorithm.zoac import Zoac
 from zoac.config.settings import Evaluation, Settings
 from zoac.core.tuner import Problem
-from zoac.executors.base import Serial
+from zoac.rollout.executors.base import Serial
 from zoac.runs.log import RunLog
 from zoac.runs.schema import read_metrics
-from zoac.training.trainer import Trainer
+from zoac.runs.training.trainer import Trainer
 
 RUN = {"format": 1, "task": "t", "tuner": "x", "seed": 0, "variant": None, "config_hash": "0"}
 

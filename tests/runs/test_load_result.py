@@ -8,7 +8,7 @@ import pytest
 import zoac
 from zoac.config.compose import compose_config, resolved
 from zoac.core.errors import RunFolderError
-from zoac.training.lifecycle import run_session
+from zoac.runs.training.lifecycle import run_session
 
 MODULE = """
 from tests.envs.test_adapters import Drift

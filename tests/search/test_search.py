@@ -17,7 +17,7 @@ import pytest
 from tests.support import Traps, with_a_trap
 from zoac.core.errors import ConfigError, ControllerError
 from zoac.runs import checkpoint
-from zoac.training import identity
+from zoac.runs.training import identity
 
 optuna = pytest.importorskip("optuna", reason="pip install 'zoac[search]'")
 

@@ -13,6 +13,7 @@ import pytest
 import zoac
 from tests.specs.loops_to_tune import SIGNALS, Diverging, FirstOrder, proportional, tuned
 from tests.support import needs_its_library
+from zoac.algorithm.strategies.paired_comparison import MIN_PAIRS
 from zoac.baselines import random_search
 from zoac.baselines.random_search import RandomSearch
 from zoac.config.compose import compose_config, resolved
@@ -24,10 +25,9 @@ from zoac.core.segments import Proposal
 from zoac.rollout.constraints import FeasibilityFirst
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.outcomes import Outcomes
+from zoac.runs.training.trainer import Trainer
 from zoac.specs.judge import EPISODES_ONLY
-from zoac.strategies.paired_comparison import MIN_PAIRS
 from zoac.tasks.user_task import user_task
-from zoac.training.trainer import Trainer
 
 ERROR = zoac.specs.steady_state_error("y", "r", max=0.2)
 

@@ -13,13 +13,13 @@ import numpy as np
 from pydantic import Field
 
 from zoac.algorithm.options import CriticOptions, Exploration, StepSize
+from zoac.algorithm.strategies.base import TunerStrategy
+from zoac.algorithm.strategies.final_selection import FinalSelection
+from zoac.algorithm.strategies.successive_halving import SuccessiveHalving
 from zoac.algorithm.zoac import Zoac
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner
 from zoac.core.types import Count, UnitInterval
-from zoac.strategies.base import TunerStrategy
-from zoac.strategies.final_selection import FinalSelection
-from zoac.strategies.successive_halving import SuccessiveHalving
 
 SHRINK, RECOVER = 0.5, 1.05
 """Of perturbation and step, after an iteration with too many terminations and after any other."""

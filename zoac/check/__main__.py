@@ -8,8 +8,8 @@ import sys
 from collections.abc import Sequence
 
 from zoac.check import check
-from zoac.cli.pipes import reader_may_leave
 from zoac.core.errors import ZoacError
+from zoac.run.pipes import reader_may_leave
 
 
 @reader_may_leave()

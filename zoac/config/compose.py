@@ -1,6 +1,6 @@
 """The command line's configuration: composed by Hydra, with messages that a person can use.
 
-This module and `zoac.run` are the only ones that know Hydra.
+This module and `zoac.run.command` are the only ones that know Hydra.
 """
 
 import itertools

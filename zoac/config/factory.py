@@ -5,21 +5,21 @@ from dataclasses import fields
 from functools import partial
 from typing import Any
 
+from zoac.algorithm.strategies.acceptance_test import AcceptanceTest
+from zoac.algorithm.strategies.around_baseline import around_baseline
+from zoac.algorithm.strategies.base import Begin, StartSearch, TunerStrategy
+from zoac.algorithm.strategies.final_selection import best_evaluated
+from zoac.algorithm.strategies.held_specs import HeldSpecs
+from zoac.algorithm.strategies.initial_design import CommonRandomNumbers, InitialDesign
 from zoac.config.named_code import kinds_of, locate_maker
 from zoac.config.settings import Settings
 from zoac.config.validate import TARGET, check_arguments, with_groups
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.tuner import Problem, Tuner
-from zoac.executors.base import Executor
-from zoac.loggers.base import Logger
+from zoac.rollout.executors.base import Executor
 from zoac.rollout.task import Task
+from zoac.runs.loggers.base import Logger
 from zoac.specs.judge import EPISODES_ONLY
-from zoac.strategies.acceptance_test import AcceptanceTest
-from zoac.strategies.around_baseline import around_baseline
-from zoac.strategies.base import Begin, StartSearch, TunerStrategy
-from zoac.strategies.final_selection import best_evaluated
-from zoac.strategies.held_specs import HeldSpecs
-from zoac.strategies.initial_design import CommonRandomNumbers, InitialDesign
 
 
 def build(node: Mapping[str, Any], where: str, kind: type, **provided: Any) -> Any:
@@ -177,8 +177,8 @@ def _with_strategies(
 
 
 STRATEGIES = {
-    "successive_halving": "zoac.strategies.successive_halving.SuccessiveHalving",
-    "final_selection": "zoac.strategies.final_selection.FinalSelection",
+    "successive_halving": "zoac.algorithm.strategies.successive_halving.SuccessiveHalving",
+    "final_selection": "zoac.algorithm.strategies.final_selection.FinalSelection",
 }
 """Strategies that a tuner's option `strategies` knows by name; others have a setting of the run."""
 

@@ -27,7 +27,7 @@ NOT_OF_A_RUN = ("logger", "launcher", "method", "experiment")
 def own_conf() -> Path | None:
     """Return the folder `conf` below the current one, unless there is none or it is zoac's own."""
     folder = Path.cwd() / "conf"
-    is_zoacs = (folder.parent / "zoac" / "run.py").is_file()
+    is_zoacs = (folder.parent / "zoac" / "run" / "command.py").is_file()
     return folder if folder.is_dir() and not is_zoacs else None
 
 

@@ -49,14 +49,15 @@ class Settings:
         checkpoint_seconds: Wall seconds between checkpoints.
         initial_sigma: Standard deviation of the search around the baseline in normalised
             parameters, such as 0.1; the search then begins at the baseline. See
-            `zoac.strategies.around_baseline`.
+            `zoac.algorithm.strategies.around_baseline`.
         acceptance_test: Fraction of the budget, such as 0.2, for held-out episodes on which the
             answer must beat the baseline; otherwise the baseline is the answer. The verdict is
             `acceptance_test` of the result's record. See
-            `zoac.strategies.acceptance_test.AcceptanceTest`.
+            `zoac.algorithm.strategies.acceptance_test.AcceptanceTest`.
         select: "best_evaluated": the answer is the best of the evaluated recommendations and the
             baseline, on held-out episodes that a fifth of the budget pays for, see
-            `zoac.strategies.final_selection`; "last" or None: what the tuner recommends at the end.
+            `zoac.algorithm.strategies.final_selection`; "last" or None: what the tuner recommends
+            at the end.
         failure_penalty: Cost of a step that fails, which ends its episode: controller or
             environment raises, or returns what is not finite; None: that ends the run with a
             message. The result's record counts `failures` and keeps the `first_failure`.
@@ -64,9 +65,9 @@ class Settings:
             executor=process. One that takes longer is ended, its worker replaced, and the episode
             has failed, as with `failure_penalty`.
         initial_samples: Random points, an episode each, of which the best is where the tuner
-            starts; see `zoac.strategies.initial_design.InitialDesign`.
+            starts; see `zoac.algorithm.strategies.initial_design.InitialDesign`.
         common_random_numbers: Whole episodes that the tuner asks for together begin alike; see
-            `zoac.strategies.initial_design.CommonRandomNumbers`.
+            `zoac.algorithm.strategies.initial_design.CommonRandomNumbers`.
     """
 
     seed: Natural = 0

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from omegaconf import OmegaConf
 
-from zoac.cli.pipes import reader_may_leave
 from zoac.core.errors import ConfigError, ZoacError, suggest
+from zoac.run.pipes import reader_may_leave
 
 if TYPE_CHECKING:
     from zoac.pid.tuning import PidResult

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zoac.api import tune
 from zoac.controllers.pid import PID
 from zoac.controllers.pid_export import export_pid
 from zoac.core.errors import ConfigError
 from zoac.core.types import is_number
 from zoac.envs.single_env import EnvSource
 from zoac.rollout.task import Task
+from zoac.run.api import tune
 from zoac.runs.result import Result
 from zoac.specs.signals import action, observation
 from zoac.specs.spec import Spec

@@ -49,7 +49,7 @@ class Task(ABC):
     """Present values of the parameters in `space`, to compare with, for tasks that have them."""
 
     held_specs = True
-    """Whether held-out episodes choose an answer under hard specs: `zoac.strategies.held_specs`."""
+    """Whether held-out episodes choose an answer under hard specs, see `strategies.held_specs`."""
     preset: str | None = None
     """Folder of `conf/preset` with the tuners' options that suit this task."""
 

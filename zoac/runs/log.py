@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from zoac.core.errors import RunFolderError
-from zoac.loggers.base import Logger
 from zoac.runs import checkpoint, responses, schema
+from zoac.runs.loggers.base import Logger
 from zoac.specs.signals import Episode
 
 

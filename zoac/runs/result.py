@@ -14,11 +14,11 @@ from zoac.config import factory
 from zoac.config.validate import TARGET
 from zoac.core.errors import RunFolderError
 from zoac.core.state import pickled
-from zoac.loggers.summary import as_html
 from zoac.rollout.task import Task
 from zoac.runs import responses, schema
 from zoac.runs.export import TunedController, export, export_c
 from zoac.runs.foreign_code import foreign_code
+from zoac.runs.loggers.summary import as_html
 from zoac.specs import verdict
 from zoac.specs.verdict import OF_A_SPEC
 
@@ -148,7 +148,7 @@ class Result:
 
         `history.plot()` draws the learning curve: the cost of the evaluations over the steps.
         """
-        from zoac.loggers.history import History
+        from zoac.runs.loggers.history import History
 
         rows = schema.read_metrics(self.folder)
         return History(rows, index=[row["env_steps"] for row in rows])

@@ -15,10 +15,10 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from zoac.cli.pipes import reader_may_leave
 from zoac.config.compose import compose_config
 from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, ZoacError, suggest
+from zoac.run.pipes import reader_may_leave
 from zoac.search.search import Search
 
 

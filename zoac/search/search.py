@@ -122,7 +122,7 @@ class Search:
 
     def _begin(self, plain: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
         """Mark a fresh study as one of this configuration and begin it at the defaults."""
-        from zoac.training.identity import with_code
+        from zoac.runs.training.identity import with_code
 
         identified, _ = with_code(plain, build_task(plain))
         about = {
@@ -214,7 +214,7 @@ class Search:
 
     def _cost(self, trial: Any, seed: int) -> float:
         """Return the final cost of one run, which goes on where it was left, if it was."""
-        from zoac.training.lifecycle import run_session
+        from zoac.runs.training.lifecycle import run_session
 
         config = resolved(compose_config([*self._overrides, *as_overrides(trial.params)]))
         config["evaluation"]["seed"] = self._evaluation_seed

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import sys
 
-from zoac.cli.pipes import reader_may_leave
+from zoac.run.pipes import reader_may_leave
 from zoac.study.commands import command
 from zoac.study.study import Study as Study
 

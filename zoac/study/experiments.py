@@ -11,9 +11,9 @@ from zoac.config.files import configuration
 from zoac.config.settings import Settings
 from zoac.core.errors import ConfigError, RunFolderError
 from zoac.runs import schema
+from zoac.runs.training import lifeline, run_folder
 from zoac.study.carry_out import tune_cost
 from zoac.study.program import ProgramTask
-from zoac.training import lifeline, run_folder
 
 OF_EXPERIMENTS = ("seed", "acceptance_test", "initial_sigma", "initial_samples")
 """Settings of a run that experiments have too."""

@@ -18,7 +18,7 @@ from typing import Any
 
 from zoac.core.errors import ConfigError, ZoacError
 from zoac.core.types import Count, Natural, Positive
-from zoac.executors import guard
+from zoac.rollout.executors import guard
 from zoac.study.state.settings import seconds
 
 FILE = "{file}"

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from zoac.algorithm.strategies.base import search_budget
 from zoac.config import factory
 from zoac.core.errors import ConfigError, RunFolderError, TrialsPending
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner
-from zoac.strategies.base import search_budget
 from zoac.study.state.settings import StudySettings
 from zoac.study.state.trial import Trial
 

@@ -1,0 +1,228 @@
+"""The command line as a user types it."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests import commands
+from zoac.run.command import multirun_first
+
+ROOT = Path(__file__).parents[2]
+SMALL = [
+    "budget=400", "eval_every=400", "evaluation.episodes=2", "evaluation.final_episodes=3",
+    "task.max_episode_steps=50", "variant=small",
+]  # fmt: skip
+
+
+def environment(home):
+    return {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(home)}
+
+
+def typed(*arguments, cwd):
+    """Run a command as a shell does: nothing is imported beforehand."""
+    return subprocess.run(
+        [sys.executable, "-m", "zoac.run", *arguments],
+        cwd=cwd, capture_output=True, text=True, timeout=300, env=environment(cwd),
+    )  # fmt: skip
+
+
+def zoac(*arguments, cwd):
+    return commands.run("-m", "zoac.run", *arguments, cwd=cwd, env=environment(cwd))
+
+
+def result(folder, task="pid_acc", tuner="zoac", seed=0):
+    path = folder / "runs" / task / tuner / f"seed={seed}" / "variant=small" / "result.json"
+    return json.loads(path.read_text())
+
+
+def test_multirun_flag_may_stand_anywhere():
+    arguments = ["task=pid_acc", "tuner=zoac", "-m", "seed=0,1"]
+    assert multirun_first(arguments) == ["-m", "task=pid_acc", "tuner=zoac", "seed=0,1"]
+    assert multirun_first(["seed=0"]) == ["seed=0"]
+
+
+def test_a_sweep_writes_a_folder_per_seed_and_a_second_launch_does_nothing_again(tmp_path):
+    command = ["task=pid_acc", "tuner=zoac", "-m", "seed=0,1", *SMALL]
+    first = typed(*command, cwd=tmp_path)
+    assert first.returncode == 0, first.stderr
+    one, two = result(tmp_path, seed=0), result(tmp_path, seed=1)
+    assert one["x"] != two["x"]
+    assert (one["task"], one["tuner"], one["seed"], one["variant"]) == (
+        "pid_acc",
+        "zoac",
+        0,
+        "small",
+    )
+    assert len(one["cost_per_episode"]) == len(one["episode_lengths"]) == 3
+    second = zoac(*command, cwd=tmp_path)
+    assert second.stdout.count("done already") == 2
+    assert result(tmp_path, seed=0) == one
+
+
+def test_a_bad_key_gives_one_message_no_traceback_and_a_code(tmp_path):
+    done = zoac("tuner.sgima=1", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: unknown key 'tuner.sgima'")
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_failing_job_leaves_its_siblings_alone_and_is_told_at_the_end(tmp_path):
+    done = zoac("-m", "tuner.exploration.sigma=-1,0.1", *SMALL[:-1], cwd=tmp_path)
+    assert done.returncode == 1
+    assert "1 job(s) of the sweep failed" in done.stderr
+    assert "tuner.exploration.sigma=-1: input should be greater than 0" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(list(tmp_path.rglob("result.json"))) == 1
+
+
+def test_another_configuration_in_the_same_folder_is_refused_by_key(tmp_path):
+    assert zoac(*SMALL, cwd=tmp_path).returncode == 0
+    done = zoac(*SMALL, "tuner.exploration.sigma=0.3", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "tuner.exploration.sigma: 0.08 there, 0.3 now" in done.stderr
+    assert zoac(*SMALL, "resume=never", cwd=tmp_path).returncode == 1
+    assert (
+        zoac(*SMALL, "tuner.exploration.sigma=0.3", "resume=overwrite", cwd=tmp_path).returncode
+        == 0
+    )
+
+
+@pytest.mark.parametrize("mode", [[], ["-m"]])
+def test_a_folder_may_have_any_name_and_begin_with_a_tilde(tmp_path, mode):
+    done = zoac(*mode, r"runs_dir='~/\${x} y'", "tuner=random", *SMALL, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert len(list((tmp_path / "${x} y").rglob("result.json"))) == 1
+    assert [p.name for p in tmp_path.iterdir() if p.name[0] != "."] == ["${x} y"]
+
+
+def test_an_unusable_runs_dir_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    done = zoac("runs_dir=file", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "cannot make or use the run folder file/pid_acc" in done.stderr
+
+
+FOLDER = "runs/pid_acc/zoac/seed=0/variant=small"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_cleanly_and_the_same_command_ends_with_the_same_numbers(tmp_path, number):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    command = [*SMALL, "budget=6000"]
+    assert zoac(*command, cwd=tmp_path / "a").returncode == 0
+    process = commands.Started(
+        "-m", "zoac.run", *command, cwd=tmp_path / "b", env=environment(tmp_path)
+    )
+    metrics = tmp_path / "b" / FOLDER / "metrics.jsonl"
+    deadline = time.monotonic() + 300
+    while not (metrics.exists() and metrics.stat().st_size) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=300)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    assert re.search(f"stopped after .* steps; the same command goes on from {FOLDER}", errors)
+    assert zoac(*command, cwd=tmp_path / "b").returncode == 0
+    assert result(tmp_path / "a")["x"] == result(tmp_path / "b")["x"]
+
+
+@pytest.mark.parametrize("module", ["hydra", "torch"])
+def test_a_signal_while_modules_are_imported_is_no_traceback(module, tmp_path):
+    (tmp_path / f"{module}.py").write_text(
+        "import os, time\nos.kill(os.getpid(), 2)\ntime.sleep(9)"
+    )
+    done = typed(*SMALL, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+
+
+def test_a_second_signal_stops_at_once(tmp_path):
+    # One iteration of this takes far longer than the test would wait.
+    endless = ["tuner=es", "tuner.population=1000000", "budget=100000000"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "zoac.run", "task=pid_acc", *endless], cwd=tmp_path,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env=environment(tmp_path),
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stderr is not None
+    try:
+        while " | cost " not in process.stdout.readline():
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        while "once more stops at once" not in (line := process.stderr.readline()):
+            assert line or process.poll() is None
+        assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=300)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    assert list(tmp_path.rglob("run.json"))
+
+
+def test_a_second_process_on_the_same_folder_is_refused(tmp_path):
+    fcntl = pytest.importorskip("fcntl")
+    folder = tmp_path / "runs/pid_acc/zoac/seed=0/variant=small"
+    folder.mkdir(parents=True)
+    with open(folder / ".lock", "w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        done = zoac(*SMALL, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "another process is running this run" in done.stderr
+    assert zoac(*SMALL, cwd=tmp_path).returncode == 0
+
+
+def test_help_loads_nothing_heavy(tmp_path):
+    heavy = "{'torch', 'cvxpy', 'wandb', 'nevergrad', 'pandas', 'numba', 'scipy', 'matplotlib'}"
+    code = f"import sys, zoac.run.command; print({heavy} & set(sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "set()"
+
+
+def test_help_lists_every_choice_and_key(tmp_path):
+    done = zoac("--help", cwd=tmp_path)
+    assert done.returncode == 0
+    for group in ("task", "tuner", "executor", "mpc_solver", "fidelity", "logger", "experiment"):
+        for path in (ROOT / "conf" / group).glob("*.yaml"):
+            assert path.stem in done.stdout
+    for key in ("seed", "budget", "num_envs", "eval_every", "runs_dir", "variant", "resume"):
+        assert f"\n{key}: " in done.stdout
+
+
+def test_an_experiment_without_its_sweep_is_refused(tmp_path):
+    done = zoac("experiment=table2", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr == "error: experiment=table2 is a sweep over method, seed: add -m\n"
+    assert not (tmp_path / "runs").exists()
+
+
+def test_the_helps_own_examples_are_understood(tmp_path):
+    text = zoac("--help", cwd=tmp_path).stdout
+    assert "--cfg job" in text
+    done = zoac("task=mpc_tracking", "tuner=bo", "--cfg", "job", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "max_observations: 300" in done.stdout
+
+
+def test_options_of_the_search_are_told_where_they_belong(tmp_path):
+    assert "search:" not in zoac("--help", cwd=tmp_path).stdout
+    for override in ("search=zoac", "search.trials=3"):
+        done = zoac(override, cwd=tmp_path)
+        assert done.returncode == 1
+        assert f"{override}: this belongs to python -m zoac.search" in done.stderr
+
+
+def test_a_choice_without_keys_names_the_other_choices(tmp_path):
+    done = zoac("executor=serial", "executor.worker=2", cwd=tmp_path)
+    assert "executor=serial has no keys; choices: auto, process, ray, serial" in done.stderr

@@ -1,0 +1,122 @@
+"""A stopped run continues bit for bit, and without any pickle where no object needs one."""
+
+import json
+import pickle
+from pathlib import Path
+
+import cloudpickle
+import numpy as np
+import pytest
+
+import zoac
+from tests.envs.test_adapters import Drift, Integrator
+from tests.support import needs_its_library, with_a_trap
+from zoac.config import factory
+from zoac.config.compose import compose_config, resolved
+from zoac.core.measures import CLOCKS
+from zoac.runs import checkpoint
+from zoac.runs.training.lifecycle import Run, execute
+
+CONF = Path(__file__).parents[3] / "conf"
+NEED_A_PICKLE = {"bo", "optuna"}
+MODELS = {"botorch": ["tuner.initial_design=4"], "smac": ["tuner.initial_design=4"]}
+"""Options of tuners whose model takes its time: few random points before it, few after."""
+
+TERMS = {
+    "plain": [],
+    "tested": ["acceptance_test=0.3"],
+    "sampled": ["initial_samples=3", "common_random_numbers=true"],
+}
+SMALL = [
+    "num_envs=2", "eval_every=100", "task.max_episode_steps=12", "evaluation.episodes=2",
+    "evaluation.final_episodes=2", "mpc_solver=riccati", "checkpoint_seconds=0",
+]  # fmt: skip
+
+
+def names(group):
+    return sorted(p.stem for p in (CONF / group).glob("*.yaml"))
+
+
+def run(folder, *overrides):
+    config = resolved(compose_config([*SMALL, *overrides]))
+    settings, task = factory.build_settings(config), factory.build_task(config)
+    needs_its_library(config["tuner"]["_target_"])
+    tuner = factory.build_tuner(config["tuner"], task, settings)
+    identity = {"task": "t", "tuner": "x", "seed": 0}
+    made = Run(identity, config, [], task, tuner, factory.build_executor(config), settings, [])
+    return without_clocks(execute(made, folder))
+
+
+def without_clocks(result):
+    return json.dumps({k: v for k, v in result.items() if k not in CLOCKS})
+
+
+def stopped_and_resumed(tmp_path, stopping, monkeypatch, *overrides, after=1):
+    """Return a whole run's result and that of one that was stopped and went on without pickles."""
+    whole = run(tmp_path / "whole", *overrides)
+    stopping(after)
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "parts", *overrides)
+    stopping(None)
+    with_a_trap(tmp_path / "parts" / "checkpoint" / checkpoint.CURRENT, tmp_path / "trace")
+    with monkeypatch.context() as patch:
+        for name in ("loads", "load"):
+            patch.setattr(cloudpickle, name, None)
+            patch.setattr(pickle, name, None)
+        resumed = run(tmp_path / "parts", *overrides)
+    assert not (tmp_path / "trace").exists()
+    return whole, resumed
+
+
+@pytest.mark.parametrize("task", [t for t in names("task") if t != "program"])
+def test_no_task_of_zoac_needs_a_pickle(task, tmp_path, stopping, monkeypatch):
+    whole, resumed = stopped_and_resumed(
+        tmp_path, stopping, monkeypatch, f"task={task}", "tuner=zoac_plus", "budget=400", after=4
+    )
+    assert resumed == whole
+
+
+@pytest.mark.parametrize("terms", TERMS)
+@pytest.mark.parametrize(
+    "tuner", [t for t in names("tuner") if t not in ("nominal", *NEED_A_PICKLE)]
+)
+def test_no_other_tuner_of_zoac_needs_a_pickle(tuner, terms, tmp_path, stopping, monkeypatch):
+    if terms == "sampled" and tuner == "random":
+        pytest.skip("takes no start")
+    budget, after = ("budget=200", 4) if tuner in MODELS else ("budget=1500", 2)
+    whole, resumed = stopped_and_resumed(
+        tmp_path, stopping, monkeypatch, "task=pid_acc", f"tuner={tuner}", budget, *TERMS[terms],
+        *MODELS.get(tuner, []), after=after,
+    )  # fmt: skip
+    assert resumed == whole
+
+
+@pytest.mark.parametrize("tuner", sorted(NEED_A_PICKLE))
+def test_a_librarys_optimiser_continues_bit_for_bit(tuner, tmp_path, stopping):
+    pytest.importorskip({"bo": "nevergrad"}.get(tuner, tuner))
+    whole = run(tmp_path / "whole", "task=pid_acc", f"tuner={tuner}", "budget=200")
+    stopping(3)
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "parts", "task=pid_acc", f"tuner={tuner}", "budget=200")
+    stopping(None)
+    assert run(tmp_path / "parts", "task=pid_acc", f"tuner={tuner}", "budget=200") == whole
+
+
+@pytest.mark.parametrize("executor", ["serial", "process"])
+def test_a_users_objects_continue_bit_for_bit(executor, tmp_path, stopping):
+    def tune(folder):
+        return zoac.tune(
+            env=Drift, controller=Integrator(), space={"k": (0, 2)}, budget=1000, num_envs=2,
+            episodes=1, final_episodes=2, quiet=True, max_episode_steps=10, folder=folder,
+            executor=executor,
+        ).record  # fmt: skip
+
+    whole = without_clocks(tune(tmp_path / "whole"))
+    stopping(2)
+    with pytest.raises(KeyboardInterrupt):
+        tune(tmp_path / "parts")
+    stopping(None)
+    state, _ = checkpoint.load(tmp_path / "parts" / "checkpoint")
+    assert isinstance(state["num_envs"][0]["env"]["envs"].value[0], Drift)
+    assert np.isfinite(state["num_envs"][0]["env"]["seen"]).all()
+    assert without_clocks(tune(tmp_path / "parts")) == whole

@@ -1,0 +1,195 @@
+"""`executor=process`: groups of environments in processes of this machine."""
+
+import contextlib
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+from zoac.core.errors import WorkerError
+from zoac.core.seeding import stream_seed
+from zoac.core.types import Count
+from zoac.rollout.executors import guard
+from zoac.rollout.executors.pool import Handle, Pool
+from zoac.rollout.executors.step_watch import Call, StepWatch
+from zoac.rollout.executors.worker import CANNOT_BE_SAVED, receive, send
+from zoac.rollout.task import Task
+
+Request = tuple[str, tuple[Any, ...]]
+"""A method of `Worker` and its arguments."""
+
+
+class Process(Pool):
+    """Groups of neighbouring environments, each in a process of its own."""
+
+    ends_steps = True
+
+    def __init__(
+        self,
+        *,
+        workers: Count | None = None,
+        attempts: Count = 3,
+    ) -> None:
+        """
+        Args:
+            workers: Number of processes; None: one a core that this process may use.
+            attempts: How often the same work may be begun before the run is given up.
+        """
+        super().__init__(workers, attempts)
+
+    def _cores(self) -> int:
+        return usable_cores()
+
+    def _worker(self, task: Task, env_indices: list[int], seed: int) -> Handle:
+        return _ProcessHandle(task, env_indices, seed, self._attempts)
+
+
+def usable_cores() -> int:
+    """Return how many processor cores this process may use.
+
+    A launcher that runs jobs side by side tells each its share in the variable ZOAC_CORES.
+    """
+    if (part := os.environ.get("ZOAC_CORES", "")).isdecimal():
+        return max(1, int(part))
+    if sys.platform == "linux":
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class _ProcessHandle(Handle):
+    """This side of one worker process."""
+
+    def __init__(self, task: Task, env_indices: list[int], seed: int, attempts: int) -> None:
+        super().__init__(env_indices)
+        self._task, self._seed, self._attempts = task, seed, attempts
+        self._watch = None if task.step_timeout is None else StepWatch(task.step_timeout)
+        self._earlier_seconds = self._seconds = 0.0
+        self._request: Request = ("state", ())
+        self._restarts = 0
+        self._start_process()
+
+    def ready(self) -> None:
+        watched = None if self._watch is None else self._watch.path
+        steps: list[Request] = [("start", (self._task, self.env_indices, self._seed, watched))]
+        if self.env_states is not None:
+            steps.append(("restore", (self.env_states,)))
+        for step in steps:
+            try:
+                send(self._input, step)
+                reply = self._reply()
+            except (EOFError, OSError):
+                raise WorkerError(
+                    f"a worker process could not be started ({_death(self._process.wait())})"
+                ) from None
+            self._result(reply)
+
+    def begin(self, method: str, *arguments: Any) -> None:
+        self._request = (method, arguments)
+        self._send(())
+
+    def _send(self, hung: Sequence[Call]) -> None:
+        """Send the request, in which some calls of environments never return."""
+        method, arguments = self._request
+        with contextlib.suppress(OSError):  # it has died: `finish` notices and sends again
+            send(self._input, (method, (*arguments, hung) if hung else arguments))
+
+    def finish(self) -> Any:
+        deaths, hung = 0, list[Call]()
+        while True:
+            known = len(hung)
+            try:
+                with self._watching(hung):
+                    reply = self._reply()
+            except EOFError:  # nobody is there any more
+                status = self._process.wait()
+                deaths += len(hung) == known
+                if deaths == self._attempts:
+                    break
+                self._end_process()
+                if len(hung) > known and self.env_states == CANNOT_BE_SAVED:
+                    self._begin_new_episodes()
+                self._start_process()
+                self.ready()
+                self._send(hung)
+            else:
+                return self._result(reply)
+        raise WorkerError(
+            f"the worker process of {self} died {self._attempts} times on the same work "
+            f"({_death(status)}). Memory may be short: "
+            "try fewer executor.workers or fewer environments"
+        )
+
+    def _watching(self, hung: list[Call]) -> AbstractContextManager[None]:
+        """Return a context in which a worker is killed whose environment does not return."""
+        if self._watch is None:
+            return contextlib.nullcontext()
+        return self._watch.watching(lambda: guard.kill(self._process), hung)
+
+    def _begin_new_episodes(self) -> None:
+        """Have the next process begin anew where environments that hang cannot be restored."""
+        self._restarts += 1
+        self._seed = stream_seed(self._seed, "restart", self._restarts)
+        self.env_states = None
+
+    @property
+    def processor_seconds(self) -> float:
+        return self._earlier_seconds + self._seconds
+
+    def close(self) -> None:
+        self._end_process()
+        if self._watch is not None:
+            self._watch.close()
+
+    def _end_process(self) -> None:
+        guard.kill(self._process)
+        self._process.wait()
+        for stream in (self._input, self._output):
+            with contextlib.suppress(OSError):  # what was not sent yet has no reader any more
+                stream.close()
+
+    def _start_process(self) -> None:
+        self._earlier_seconds += self._seconds
+        self._seconds = 0.0
+        # Not a fork, which would copy locked threads; not multiprocessing's spawn, which would
+        # run a user's script again.
+        path = os.pathsep.join(p for p in sys.path if p)
+        try:
+            self._process = guard.started(
+                [sys.executable, "-m", "zoac.rollout.executors.worker"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+                cwd=Path.cwd(),
+            )
+        except OSError as error:  # too many processes, or too little memory
+            raise WorkerError(
+                f"a worker process could not be started ({error.strerror}); try fewer "
+                "executor.workers"
+            ) from error
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._input, self._output = self._process.stdin, self._process.stdout
+
+    def _reply(self) -> tuple[Any, Exception | None]:
+        """Return result and error of the request, as `zoac.rollout.executors.worker.answered` does.
+
+        Raises:
+            EOFError: If the process has died.
+        """
+        result, error, self._seconds = receive(self._output)
+        return result, error
+
+    @staticmethod
+    def _result(reply: tuple[Any, Exception | None]) -> Any:
+        # Apart from `_reply`: what a user's environment raises may be an OSError itself.
+        result, error = reply
+        if error is not None:
+            raise error
+        return result
+
+
+def _death(status: int) -> str:
+    return f"killed by signal {-status}" if status < 0 else f"exit status {status}"

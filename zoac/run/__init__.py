@@ -1,0 +1,1 @@
+"""A run from the command line and from Python, and what all command lines share."""

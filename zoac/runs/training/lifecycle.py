@@ -1,0 +1,263 @@
+"""One run from its configuration to its result: folder, lock, signals, trainer."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zoac.config import factory
+from zoac.config.auto_tuner import Choice, settled
+from zoac.config.files import AUTO
+from zoac.config.settings import Settings
+from zoac.core.errors import CallbackError, Interrupted, RunFolderError
+from zoac.core.tuner import Tuner
+from zoac.rollout.executors.base import Executor
+from zoac.rollout.task import Task
+from zoac.runs import provenance, schema
+from zoac.runs.log import RunLog
+from zoac.runs.loggers.base import Logger
+from zoac.runs.loggers.callback import Callbacks
+from zoac.runs.loggers.console import Console, say
+from zoac.runs.training import lifeline, run_folder
+from zoac.runs.training.identity import with_code
+from zoac.runs.training.trainer import Trainer
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything that one run is made of.
+
+    Args:
+        identity: `task`, `tuner` and `seed`, for run folder and tables.
+        config: Resolved configuration, for the record and to tell runs apart.
+        command: What was typed, for the record.
+        executor: Where environments run; not yet started.
+        loggers: Where rows go beside the run folder.
+        quiet: Do not say that the run is done already.
+        chosen: What "auto" stands for, and why, if the tuner was left open.
+        doubts: What `config` cannot tell of the task, one sentence each; see
+            `zoac.runs.training.identity.with_code`.
+    """
+
+    identity: Mapping[str, Any]
+    config: Mapping[str, Any]
+    command: Sequence[str]
+    task: Task
+    tuner: Tuner
+    executor: Executor
+    settings: Settings
+    loggers: Sequence[Logger]
+    quiet: bool = False
+    doubts: Sequence[str] = ()
+    chosen: Choice | None = None
+    callbacks: Callbacks = field(default_factory=Callbacks)
+
+    @classmethod
+    def of(cls, config: Mapping[str, Any], task: Task, **more: Any) -> Run:
+        """Return the run that a resolved configuration describes.
+
+        Args:
+            config: Its node `task` is already made into `task`.
+            task: What is tuned.
+            more: The fields that do not follow from these two.
+        """
+        settings = factory.build_settings(config)
+        identified, doubts = with_code(config, task)
+        tuner = factory.build_tuner(config["tuner"], task, settings)
+        executor = factory.build_executor(config)
+        return cls(config=identified, task=task, tuner=tuner, executor=executor,
+                   settings=settings, doubts=doubts, **more)  # fmt: skip
+
+
+def run_session(
+    config: Mapping[str, Any],
+    task: str,
+    tuner: str,
+    command: Sequence[str],
+    fidelity: str = "paper",
+) -> dict[str, Any]:
+    """Tune as configured, or go on with or return what is there already.
+
+    Args:
+        config: Resolved configuration.
+        task: Name for the run's identity.
+        tuner: Likewise.
+        command: What was typed, for the record.
+        fidelity: Name of that choice, for the options of a tuner that is yet to be chosen.
+
+    Returns:
+        The content of `result.json`.
+
+    Raises:
+        ConfigError: If the configuration cannot be used.
+        RunFolderError: If the folder holds another run, is damaged or in use.
+    """
+    the_task = factory.build_task(config)
+    groups = {"task": task, "tuner": tuner, "fidelity": fidelity}
+    config, chosen = settled(config, the_task, groups)
+    folder = run_folder.of(config, task, tuner)
+    brief = lifeline.shares_terminal()
+    live = lifeline.is_sweep() or not brief
+    run = Run.of(
+        config,
+        the_task,
+        identity={"task": task, "tuner": tuner, "seed": config["seed"]},
+        command=command,
+        loggers=[
+            *factory.build_loggers(config),
+            Console(config["budget"], folder, brief=brief, live=live),
+        ],
+        chosen=chosen,
+        quiet=brief,
+    )
+    return execute(run, folder)
+
+
+def execute(run: Run, folder: Path, again: str = "the same command") -> dict[str, Any]:
+    """Carry out `run` in `folder`, by the `resume` of its config; return `result.json`'s content.
+
+    Args:
+        run: What it is made of.
+        folder: Its run folder.
+        again: What goes on with the run after it was stopped, in words.
+
+    Raises:
+        RunFolderError: If the folder holds another run, is damaged or in use.
+        Interrupted: If a signal stopped the run; its checkpoint is written.
+        CallbackError: If a callback raises; likewise.
+    """
+    run_folder.make(folder)
+    with run_folder.held(folder):
+        if run_folder.prepare(folder, run.config):
+            _refuse_doubtful(folder, run.doubts)
+            if not run.quiet:
+                print(f"{folder}: done already; resume=overwrite starts anew")
+            return schema.read_result(folder)
+        if run.doubts:
+            print(
+                f"{folder}: {'; '.join(run.doubts)}. So nobody can tell later whether another run "
+                "is this one, and its result is not returned for a second call",
+                file=sys.stderr,
+            )
+        record = _run_record(run)
+        _tell_what_differs(folder, record)
+        log = RunLog(folder, record, run.loggers)
+        _tell_remarks(run.task)
+        run.executor.tell = (lambda _: None) if run.quiet else say
+        try:
+            run.executor.start(run.task, run.settings.num_envs, run.settings.seed)
+            # A caller's `np.seterr(all="raise")` is not for what zoac computes.
+            with _stop_on_signal() as stop, np.errstate(all="warn", under="ignore"):
+                return Trainer(
+                    run.task, run.tuner, run.executor, run.settings, log, stop, run.callbacks
+                ).run()
+        except Interrupted as stopped:
+            by = "" if run.config["resume"] == "auto" else ", with resume=auto,"
+            message = f"{stopped}; {again}{by} goes on from {folder}"
+            raise Interrupted(message, stopped.record) from None
+        except CallbackError as error:
+            more = f"once that is mended, {again} goes on from {folder}"
+            if schema.is_done(folder):
+                more = f"the result is written, in {folder}"
+            raise CallbackError(f"{error}; {more}") from error.__cause__
+        finally:
+            run.executor.close()
+            log.close()
+
+
+def _tell_remarks(task: Task) -> None:
+    """Say what a user should know of the environment before the run."""
+    env = task.make_env(1)
+    env.close()
+    for remark in env.remarks:
+        print(remark, file=sys.stderr)
+
+
+def _tell_what_differs(folder: Path, record: Mapping[str, Any]) -> None:
+    """Say that a run goes on with other code or on another processor, which may round otherwise."""
+    if not (folder / schema.CHECKPOINTS).exists():
+        return
+    changed = provenance.differences(schema.read_run(folder), record)
+    if changed:
+        print(
+            "this run continues under other conditions than it began, so its numbers may differ: "
+            + "; ".join(changed),
+            file=sys.stderr,
+        )
+
+
+def _refuse_doubtful(folder: Path, doubts: Sequence[str]) -> None:
+    """Raise if nobody can tell whether the result in `folder` is this run's."""
+    if doubts:
+        raise RunFolderError(
+            f"{folder} holds a result, and whether it is of the same run cannot be told: "
+            f"{'; '.join(doubts)}. Load it with zoac.load_result, choose another folder, or start "
+            "anew with resume=overwrite"
+        )
+
+
+@contextmanager
+def _stop_on_signal() -> Iterator[Any]:
+    """Yield a function that tells whether to stop: the first signal asks, a second one insists.
+
+    The end of the sweep that this run belongs to asks, too.
+    """
+    asked = False
+
+    def ask(number: int, frame: Any) -> None:
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+        print("\nstopping after this iteration; once more stops at once", file=sys.stderr)
+
+    try:
+        earlier = {s: signal.signal(s, ask) for s in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:  # not the main thread: signals belong to somebody else
+        earlier = {}
+    try:
+        yield lambda: asked or lifeline.is_cut()
+    finally:
+        for number, handler in earlier.items():
+            signal.signal(number, handler)
+
+
+def _signals(task: Task) -> dict[str, Any]:
+    """Return what a task calls the numbers of an episode; {} if it has no names for them."""
+    if not task.signals:
+        return {}
+    units = {name: signal.unit for name, signal in task.signals.items()}
+    return {"signals": {"sample_time": task.sample_time, "units": units}}
+
+
+def _run_record(run: Run) -> dict[str, Any]:
+    """Return the content of `run.json`."""
+    baseline = run.task.baseline
+    return {
+        "format": schema.FORMAT,
+        **run.identity,
+        "tuner_name": run.tuner.display_name or run.identity["tuner"],
+        "variant": run.config["variant"],
+        "config": dict(run.config),
+        "config_hash": schema.config_hash(run.config),
+        "command": list(run.command),
+        "objective": run.task.objective,
+        "episodes": run.task.horizon.remark,
+        "tuner_choices": {
+            **({AUTO: str(run.chosen)} if run.chosen else {}),
+            **run.tuner.describe(),
+            **factory.baseline_use(run.config["tuner"], run.task, run.settings),
+        },
+        "parameters": [asdict(p) for p in run.task.space.parameters],
+        "fixed": dict(run.task.fixed),
+        **_signals(run.task),
+        "nominal": None if baseline is None else dict(baseline),
+        **provenance.here_and_now(),
+    }
