@@ -101,7 +101,10 @@ def test_what_was_found_shows_the_rows_of_table_2():
     assert table in (ROOT / "docs" / "found.md").read_text()
 
 
-@pytest.mark.parametrize(("name", "folder"), [("suite", "suite"), ("held_out", "suite_held_out")])
+@pytest.mark.parametrize(
+    ("name", "folder"),
+    [("suite", "suite"), ("held_out", "suite_held_out"), ("extras", "suite_extras")],
+)
 def test_the_tables_of_the_suite_rebuild(tmp_path, name, folder):
     runs = RESULTS / "suite" / f"{name}.csv"
     assert suite.main([str(runs), "--out", str(tmp_path), "--format", "svg"]) == 0
@@ -122,6 +125,16 @@ def test_the_page_has_the_scores_of_the_suite():
         (row,) = (line for line in page.splitlines() if line.startswith(f"| `{tuner}` | "))
         interval = f"[{found.low:.2f}, {found.high:.2f}]"
         assert any(f"{value} {interval}" in row for value in bold), (count, tuner)
+
+
+def test_the_page_has_the_scores_of_tuners_with_an_extra():
+    page = (ROOT / "docs" / "baselines.md").read_text()
+    scored = with_scores(suite.read(RESULTS / "suite" / "extras.csv"))
+    for tuner in ("botorch", "smac", "optuna", "zoac_plus", "bo", "random"):
+        own = scored[scored.tuner == tuner]
+        found = mean_score(own)
+        score = f"{found.estimate:.2f} [{found.low:.2f}, {found.high:.2f}]"
+        assert f"| `{tuner}` | {score} | {own.seconds.median():.1f} |" in page
 
 
 def test_the_page_has_the_returns_of_linear_policies():
