@@ -1,7 +1,7 @@
 """Learning curves (Fig. 3): `python -m zoac.analysis.curves runs --out figures`.
 
 Mean over seeds of any logged number, against environment steps or time, with the 95% interval
-of `zoac.analysis.statistics.stats` shaded; for fewer than five seeds, their range. Of more than
+of `zoac.analysis.statistics.intervals` shaded; for fewer than five seeds, their range. Of more than
 four methods the interval stands right of the curves, at the end alone.
 """
 
@@ -22,7 +22,7 @@ from zoac.analysis.data.frames import numbers
 from zoac.analysis.data.runs import Collection, Method, Run
 from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import METRICS, TASKS, family, method_labels, tuner_names
-from zoac.analysis.statistics.stats import Scores, interquartile_mean, mean, summarise
+from zoac.analysis.statistics.intervals import Scores, interquartile_mean, mean, summarise
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.seeding import stream
 

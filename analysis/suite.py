@@ -23,6 +23,7 @@ from zoac.analysis.data.runs import Method, Run
 from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import TUNERS
 from zoac.analysis.pages.formatting import NOTHING, pipes
+from zoac.analysis.statistics.intervals import Interval
 from zoac.analysis.statistics.profiles import (
     NEAR,
     RANDOM,
@@ -32,7 +33,6 @@ from zoac.analysis.statistics.profiles import (
     share_within,
     with_scores,
 )
-from zoac.analysis.statistics.stats import Interval
 from zoac.core.errors import ConfigError, RunFolderError, suggest
 
 COLUMNS = ["problem", "parameters", "tuner", "experiments", "seed", "cost", "seconds"]

@@ -23,7 +23,7 @@ from zoac.analysis.pages.formatting import (
     without_empty_columns,
 )
 from zoac.analysis.statistics.comparison import TABLE2, Comparison, Summary, compare
-from zoac.analysis.statistics.stats import MeanStd
+from zoac.analysis.statistics.intervals import MeanStd
 
 
 class PaperRow(NamedTuple):

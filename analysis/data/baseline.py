@@ -10,7 +10,7 @@ import numpy as np
 
 from zoac.analysis.data import replay
 from zoac.analysis.data.runs import Run
-from zoac.analysis.statistics.stats import Interval, Scores, paired_difference
+from zoac.analysis.statistics.intervals import Interval, Scores, paired_difference
 from zoac.core.seeding import stream
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from zoac.analysis.statistics.stats import Interval, MeanStd
+from zoac.analysis.statistics.intervals import Interval, MeanStd
 
 NOTHING = "--"
 

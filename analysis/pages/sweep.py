@@ -25,7 +25,7 @@ from zoac.analysis.pages.formatting import (
 )
 from zoac.analysis.statistics.claims import Claim
 from zoac.analysis.statistics.comparison import Comparison, compare
-from zoac.analysis.statistics.stats import MIN_SEEDS, Interval
+from zoac.analysis.statistics.intervals import MIN_SEEDS, Interval
 
 
 def sweep(collection: Collection, task: str) -> str:

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from zoac.analysis.pages.formatting import estimate
-from zoac.analysis.statistics.stats import (
+from zoac.analysis.statistics.intervals import (
     MIN_SEEDS,
     Interval,
     Scores,

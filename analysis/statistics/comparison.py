@@ -12,7 +12,7 @@ from zoac.analysis.data.fairness import refuse_unequal, unmixed
 from zoac.analysis.data.runs import Collection, Method, Run
 from zoac.analysis.figures.labels import TASKS, family, method_labels, tuner_names
 from zoac.analysis.statistics.claims import Claim, claim_stream, claims
-from zoac.analysis.statistics.stats import (
+from zoac.analysis.statistics.intervals import (
     Interval,
     MeanStd,
     Scores,

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pandas as pd
 
-from zoac.analysis.statistics.stats import Interval
+from zoac.analysis.statistics.intervals import Interval
 from zoac.core.errors import RunFolderError
 from zoac.core.seeding import stream
 

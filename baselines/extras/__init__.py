@@ -1,1 +1,1 @@
-"""Tuners of other libraries, each with an extra of its own: `pip install 'zoac[botorch]'`."""
+"""Tuners of libraries that zoac does not install: each is an extra, such as zoac[botorch]."""

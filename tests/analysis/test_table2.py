@@ -12,7 +12,7 @@ from tests.analysis.folders import NOMINAL, write_run
 from zoac.analysis.data.load import load
 from zoac.analysis.pages.formatting import estimate, plus_minus
 from zoac.analysis.statistics.comparison import compare
-from zoac.analysis.statistics.stats import Interval, MeanStd
+from zoac.analysis.statistics.intervals import Interval, MeanStd
 from zoac.analysis.table2 import csv, latex, main, main_cells, markdown
 
 

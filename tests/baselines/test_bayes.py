@@ -10,7 +10,7 @@ from sklearn.gaussian_process.kernels import Matern
 from tests.baselines.support import STEPS, TARGET, drive, engine, problem, spoiled, true_cost
 from zoac.baselines.acquisition import Acquisition
 from zoac.baselines.bo import BayesOpt, BoundedRegressor, kept_observations, maximise
-from zoac.baselines.optuna import Optuna, normal_scores
+from zoac.baselines.extras.optuna import Optuna, normal_scores
 from zoac.baselines.random_search import RandomSearch
 from zoac.core.errors import ConfigError
 from zoac.core.state import decode, encode
@@ -204,9 +204,9 @@ def test_optunas_gaussian_process_beats_random_search():
 
 def test_a_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "optuna", None)
-    monkeypatch.delitem(sys.modules, "zoac.baselines.optuna")
+    monkeypatch.delitem(sys.modules, "zoac.baselines.extras.optuna")
     with pytest.raises(ConfigError, match=r"pip install 'zoac\[optuna\]'"):
-        __import__("zoac.baselines.optuna")
+        __import__("zoac.baselines.extras.optuna")
 
 
 @pytest.mark.parametrize("tuner", [BayesOpt, Optuna])

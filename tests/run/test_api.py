@@ -99,7 +99,7 @@ def other(params, obs):
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"controller": other}, "code.controller: 'tests.test_api.proportional@"),
+        ({"controller": other}, "code.controller: 'tests.run.test_api.proportional@"),
         ({"env": lambda: Drift()}, "code.env: 'tests.envs.test_adapters.Drift@"),
         ({"baseline": {"k": 0.5}}, "task.baseline.k: '(absent)' there, 0.5 now"),
         ({"max_episode_steps": 19}, "task.max_episode_steps: 20 there, 19 now"),
@@ -192,7 +192,7 @@ def test_the_same_script_in_a_second_process_gets_the_result_of_the_first(tmp_pa
 SCRIPT = """
 from functools import partial
 import zoac
-from tests.test_api import Sized, above
+from tests.run.test_api import Sized, above
 
 print(zoac.tune(
     env=partial(Sized, 2.0), controller=lambda p, o: -p["k"] * o[0], space={"k": (0, 2)},

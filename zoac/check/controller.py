@@ -5,7 +5,7 @@ from copy import deepcopy
 import numpy as np
 
 from zoac.check.samples import DRAWS, STEPS, Found, draws, segments
-from zoac.controllers.live_controller import live_in
+from zoac.controllers.stateful_controller import stateful_in
 from zoac.core.controller import Memory
 from zoac.core.segments import Segment
 from zoac.rollout.task import Task
@@ -17,25 +17,27 @@ def hidden_state(task: Task) -> Found:
     controller = task.make_controller()
     parameters = {name: v[None] for name, v in zip(*_named(task, episodes[0]), strict=True)}
     memory = controller.init(1)
-    live = live_in(memory)
-    for segment in episodes[:2] if live else ():
+    stateful = stateful_in(memory)
+    for segment in episodes[:2] if stateful else ():
         if not np.array_equal(_replayed(task, segment, None, memory), segment.commands):
             return False, "an earlier episode shows in its actions; begin anew in reset"
-        for one in live:
+        for one in stateful:
             one.begin()
-    # Otherwise the state of a live controller cannot be restored between two calls.
-    twice = not live or task.restore_fault is None
+    # Otherwise the state of a stateful controller cannot be restored between two calls.
+    twice = not stateful or task.restore_fault is None
     for observation in episodes[0].observations[:-1]:
         given = observation[None].copy()
-        states = [one.state() for one in live if twice]
-        first, following, _ = controller.act(parameters, given, memory if live else _deep(memory))
+        states = [one.state() for one in stateful if twice]
+        first, following, _ = controller.act(
+            parameters, given, memory if stateful else _deep(memory)
+        )
         if not np.array_equal(given[0], observation):
             return False, "it changes the observation that it is given; copy it first"
         if twice:
-            for one, state in zip(live, states, strict=True):
+            for one, state in zip(stateful, states, strict=True):
                 one.restore(state)
             second, _, _ = controller.act(
-                parameters, observation[None].copy(), memory if live else _deep(memory)
+                parameters, observation[None].copy(), memory if stateful else _deep(memory)
             )
         if twice and not np.array_equal(first, second):
             return False, (

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from zoac.controllers.live_controller import LiveController
+from zoac.controllers.stateful_controller import StatefulController
 from zoac.core.controller import Controller, Diagnostics, Memory, Parameters
 from zoac.core.errors import ConfigError
 from zoac.core.parameters import ParameterSpace
@@ -122,7 +122,7 @@ class ScalarController:
                 returns a number or an array (m,).
             fixed: Parameters that are not tuned, handed on with the others.
             space: Of the tuned ones, so that whole numbers come as int and options as such.
-            remembers: `controller` makes an object with such a method; see `LiveController`.
+            remembers: `controller` makes an object with such a method; see `StatefulController`.
         """
         self._controller, self._remembers = controller, remembers
         parameters = space.parameters if space is not None else ()
@@ -133,9 +133,9 @@ class ScalarController:
         """Return an object for each environment, if it may remember."""
         if not self._remembers:
             return {}
-        live = np.empty(n, dtype=object)
-        live[:] = [LiveController(self._controller) for _ in range(n)]
-        return {"controller": live}
+        rows = np.empty(n, dtype=object)
+        rows[:] = [StatefulController(self._controller) for _ in range(n)]
+        return {"controller": rows}
 
     def act(
         self, params: Parameters, obs: np.ndarray, memory: Memory

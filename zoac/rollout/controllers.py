@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zoac.controllers.live_controller import LiveController, state_of
+from zoac.controllers.stateful_controller import StatefulController, state_of
 from zoac.core.errors import ControllerError, ZoacError, suggest
 from zoac.core.state import OwnObject
 
@@ -45,7 +45,7 @@ class Controllers:
         self._names = (*parameters, *task.fixed)
         self._initial_memory = _copied(self._controller.init(n))
         self._memory = _copied(self._initial_memory)
-        self._objects = bool(self._live(0))
+        self._objects = bool(self._stateful(0))
 
     def act(
         self, rows: np.ndarray, observations: np.ndarray, failures: dict[int, str]
@@ -136,9 +136,9 @@ class Controllers:
         return f" (no parameter has this name; {suggest(name, self._names)})"
 
     def begin(self, row: int) -> None:
-        """Have controller objects that change in place begin an episode; see `LiveController`."""
-        for live in self._live(row).values():
-            live.begin()
+        """Have stateful controller objects begin an episode; see `StatefulController`."""
+        for stateful in self._stateful(row).values():
+            stateful.begin()
 
     def reset(self, row: int) -> None:
         """Give an environment's controller the memory of an episode's start."""
@@ -151,19 +151,21 @@ class Controllers:
 
     def restore(self, row: int, snapshot: Mapping[str, Any]) -> None:
         """Restore what `snapshot` returned."""
-        memory, live = dict(snapshot), self._live(row)
+        memory, stateful = dict(snapshot), self._stateful(row)
         for name, value in memory.items():
-            if name in live:
-                live[name].restore(value)
-                memory[name] = live[name]
+            if name in stateful:
+                stateful[name].restore(value)
+                memory[name] = stateful[name]
             elif isinstance(value, OwnObject):
                 memory[name] = value.value
         self._remember(row, memory)
 
-    def _live(self, row: int) -> dict[str, LiveController]:
+    def _stateful(self, row: int) -> dict[str, StatefulController]:
         """Return the controller objects that change in place, by the memory's name."""
         rows = {name: value[row] for name, value in self._initial_memory.items()}
-        return {name: value for name, value in rows.items() if isinstance(value, LiveController)}
+        return {
+            name: value for name, value in rows.items() if isinstance(value, StatefulController)
+        }
 
     def _remember(self, row: int, memory: Mapping[str, Any]) -> None:
         self._memory = _copied(self._memory)

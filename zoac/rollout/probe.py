@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from zoac.controllers.live_controller import live_in
+from zoac.controllers.stateful_controller import stateful_in
 from zoac.core.segments import Proposal
 from zoac.core.state import decode, encode
 from zoac.envs.base import VecEnv
@@ -134,7 +134,7 @@ def controller_fault(task: Task, pickled: bool = False) -> str | None:
     """
     controller = task.make_controller()
     memory = controller.init(1)
-    if not live_in(memory):
+    if not stateful_in(memory):
         return None
     env = task.make_env(1)
     shape = env.single_observation_space.shape or ()
@@ -154,13 +154,13 @@ def controller_fault(task: Task, pickled: bool = False) -> str | None:
 
     shown(memory, 0, STEPS // 2)
     try:
-        states = [live.state() for live in live_in(memory)]
+        states = [one.state() for one in stateful_in(memory)]
         if pickled:
             states = decode(encode(states))
         expected = shown(memory, STEPS // 2, STEPS)
         other = controller.init(1) if pickled else memory
-        for live, state in zip(live_in(other), states, strict=True):
-            live.restore(state)
+        for one, state in zip(stateful_in(other), states, strict=True):
+            one.restore(state)
     except Exception as error:  # whatever a user's controller raises when it is copied
         return (
             f"saving the controller raised {type(error).__name__}: {error}; get_state() and "

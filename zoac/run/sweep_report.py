@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from zoac.core.errors import ZoacError
-from zoac.runs.loggers import sweep_table
+from zoac.run import sweep_table
 from zoac.runs.schema import write_json
 from zoac.runs.training.lifeline import GRACE
 

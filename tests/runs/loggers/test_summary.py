@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.test_api import tune
+from tests.run.test_api import tune
 from zoac.runs.loggers.summary import cost_lines
 
 INTERVAL = "± is a 95% interval"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import zoac
+from tests.run.test_api import tune as tune_briefly
 from tests.runs.training.test_trainer import numbers
-from tests.test_api import tune as tune_briefly
 from zoac.core.errors import CallbackError, ConfigError
 from zoac.runs import checkpoint
 

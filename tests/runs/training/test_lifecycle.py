@@ -10,7 +10,7 @@ import pytest
 from tests.envs.test_adapters import Drift
 from tests.rollout.executors.test_unpicklable import stopped
 from tests.rollout.executors.test_unpicklable import tune as tune_briefly
-from tests.test_api import tune
+from tests.run.test_api import tune
 from zoac.baselines.random_search import RandomSearch
 from zoac.core.errors import RunFolderError
 from zoac.runs import checkpoint, lock, schema

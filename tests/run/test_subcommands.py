@@ -8,9 +8,9 @@ from importlib import import_module
 import pytest
 
 import zoac
-from zoac.run.programs import COMMANDS, completions
+from zoac.run.subcommands import COMMANDS, completions
 
-CODE = "import sys; from zoac.run.programs import main; main()"
+CODE = "import sys; from zoac.run.subcommands import main; main()"
 
 
 def command(*arguments, **environment):

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm, trim_mean
 from scipy.stats import t as student
 
-from zoac.analysis.statistics.stats import (
+from zoac.analysis.statistics.intervals import (
     Interval,
     Scores,
     interquartile_mean,

@@ -11,7 +11,7 @@ import numpy as np
 from zoac.core.state import OwnObject
 
 
-class LiveController:
+class StatefulController:
     """One environment's controller object, which changes in place.
 
     An episode begins with its `reset()`; without that method, with a new object. Its state is
@@ -65,15 +65,15 @@ class LiveController:
         return hasattr(self._object, "get_state") and hasattr(self._object, "set_state")
 
 
-def live_in(memory: Mapping[str, np.ndarray]) -> list[LiveController]:
+def stateful_in(memory: Mapping[str, np.ndarray]) -> list[StatefulController]:
     """Return the controller objects in a memory, of all its environments."""
     rows = (row for array in memory.values() if array.dtype == object for row in array)
-    return [row for row in rows if isinstance(row, LiveController)]
+    return [row for row in rows if isinstance(row, StatefulController)]
 
 
 def state_of(row: Any) -> Any:
     """Return a copy of an environment's part of a memory, such as a state can hold."""
-    if isinstance(row, LiveController):
+    if isinstance(row, StatefulController):
         return row.state()
     plain = isinstance(row, np.ndarray | np.generic) and not row.dtype.hasobject
     return copy.deepcopy(row) if plain else OwnObject(copy.deepcopy(row))
