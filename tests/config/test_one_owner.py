@@ -74,8 +74,16 @@ def test_the_runs_file_states_the_settings_defaults():
     assert {key: run[key] for key in asdict(Settings())} == asdict(Settings())
 
 
-@pytest.mark.parametrize("task", choices("task"))
-@pytest.mark.parametrize("tuner", choices("tuner"))
+PRESETS = [path.relative_to(CONF / "preset") for path in (CONF / "preset").rglob("*.yaml")]
+PAIRS = {
+    *((task, "random") for task in choices("task")),
+    *(("lqr", tuner) for tuner in choices("tuner")),
+    *((str(path.parent), path.stem) for path in PRESETS),
+}
+"""Every file once; a task and a tuner have only a preset in common."""
+
+
+@pytest.mark.parametrize(("task", "tuner"), sorted(PAIRS))
 def test_python_and_command_line_read_the_same_configuration(task, tuner):
     for fidelity in choices("fidelity"):
         if "/" in fidelity:

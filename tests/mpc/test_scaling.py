@@ -70,7 +70,7 @@ def test_the_unit_of_a_state_does_not_change_the_plan(solver, exponent: int) -> 
     [
         pytest.param(quadrotors(20, 5, 0), id="quadrotor"),
         pytest.param(cart_poles(20, 5, 1), id="cart-pole"),
-        pytest.param(dense_problems(5, 7, 3, 3, 2), id="dense"),
+        pytest.param(dense_problems(5, 7, 6, 2, 2), id="dense"),
     ],
 )
 def test_mixed_units_do_not_change_the_cost(problem, exponent: int, bounds: str) -> None:
