@@ -24,6 +24,9 @@ from zoac.rollout.engine import RolloutEngine
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
 
+EPISODES = 40
+
+
 class Mixed(Quadratic):
     """The quadratic, with an integer and two choices; the best of them are 0, 0.5 and -0.1."""
 
@@ -39,7 +42,7 @@ class Mixed(Quadratic):
 
 
 def make(tuner, **options):
-    mixed = problem(episodes=60, space=Mixed.space, start=np.zeros(Mixed.space.dimension))
+    mixed = problem(episodes=EPISODES, space=Mixed.space, start=np.zeros(Mixed.space.dimension))
     return tuner(mixed, initial_design=10, **options), RolloutEngine(
         Mixed(), range(NUM_ENVS), range(NUM_ENVS)
     )
@@ -64,7 +67,7 @@ def test_its_real_parameters_stay_as_they_were_drawn():
 )
 def test_the_best_values_are_found(tuner):
     tuner, group = make(tuner[0], **tuner[1])
-    drive(tuner, group, 60 * STEPS)
+    drive(tuner, group, EPISODES * STEPS)
     found = Mixed.space.values(tuner.recommend())
     assert found[2:].tolist() == [0.0, 0.5, -0.1]
     assert np.abs(found[:2] - TARGET[:2]).max() < 0.4
@@ -75,7 +78,7 @@ def test_a_librarys_model_that_is_made_anew_finds_them_too(name):
     target = tuner_config(name)["_target_"]
     needs_its_library(target)
     tuner, group = make(locate(target, "tuner"))
-    drive(tuner, group, 60 * STEPS)
+    drive(tuner, group, EPISODES * STEPS)
     assert Mixed.space.values(tuner.recommend())[2:].tolist() == [0.0, 0.5, -0.1]
 
 

@@ -41,7 +41,7 @@ def test_the_other_simulation_agrees_with_what_is_tuned(index):
     assert segment.costs.sum() == pytest.approx(iae, rel=1e-9)
 
 
-@pytest.mark.parametrize("index", [0, 2, 9, 22])
+@pytest.mark.parametrize("index", [0, 9])
 def test_a_plant_of_the_suite_gets_its_specs_and_beats_the_rules(index):
     verdict = judged(draw(index), TABLE[index])
     assert verdict.broken == ""

@@ -52,6 +52,12 @@ def few(monkeypatch):
     monkeypatch.setattr(tuning, "EPISODES", 600)
 
 
+@pytest.fixture
+def very_few(few, monkeypatch):
+    """Where it does not matter how good the answer is."""
+    monkeypatch.setattr(tuning, "EPISODES", 80)
+
+
 def test_the_answer_keeps_specs_that_ziegler_and_nichols_break():
     result = zoac.tune_pid(lags(), **LOOP, specs=SPECS, baseline="ziegler_nichols")
     assert result.feasible
@@ -65,6 +71,7 @@ def test_the_answer_keeps_specs_that_ziegler_and_nichols_break():
     assert standard["K"] / standard["Ti"] == pytest.approx(result.parameters["Ki"])
 
 
+@pytest.mark.usefixtures("very_few")
 def test_the_same_seed_gives_the_same_gains():
     first, again = (zoac.tune_pid(lags(), **LOOP, seed=3).parameters for _ in range(2))
     assert first == again
@@ -97,8 +104,8 @@ def test_an_unstable_or_idle_baseline_is_a_start_too(baseline):
     assert broken(result, lags()) == []
 
 
-def test_the_answer_is_never_worse_than_the_baseline(monkeypatch):
-    monkeypatch.setattr(tuning, "EPISODES", 80)  # too few to find anything better
+@pytest.mark.usefixtures("very_few")
+def test_the_answer_is_never_worse_than_the_baseline():
     good = {"Kp": 0.52, "Ki": 0.85}
     result = zoac.tune_pid(lags(), **LOOP, specs=SPECS, baseline=good)
     assert result.feasible
@@ -112,6 +119,7 @@ def test_a_rule_without_an_answer_gives_way_and_says_so():
     assert math.isfinite(result.run.cost_mean)
 
 
+@pytest.mark.usefixtures("very_few")
 @pytest.mark.parametrize("structure", ["P", "PD", "PID"])
 def test_other_structures_have_their_parameters(structure, tmp_path):
     plant = control.tf([1], [1, 1, 0]) if structure != "PID" else lags()
@@ -212,6 +220,7 @@ specs:
 """
 
 
+@pytest.mark.usefixtures("very_few")
 def test_a_file_gives_what_python_gives(tmp_path):
     path = tmp_path / "plant.yaml"
     path.write_text(FILE + f"export: {tmp_path / 'pid.c'}\n")
