@@ -10,21 +10,30 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from zoac.analysis.data import cli
 from zoac.analysis.data.fairness import refuse_unequal, unmixed
 from zoac.analysis.data.frames import numbers
 from zoac.analysis.data.runs import Collection, Method, Run
 from zoac.analysis.figures import style
-from zoac.analysis.figures.labels import METRICS, TASKS, family, method_labels, tuner_names
+from zoac.analysis.figures.labels import (
+    METRICS,
+    TASKS,
+    big_axis,
+    family,
+    method_labels,
+    tuner_names,
+)
 from zoac.analysis.statistics.intervals import Scores, interquartile_mean, mean, summarise
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.seeding import stream
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 AXES = ("env_steps", "wall_seconds", "compute_seconds")
 STATISTICS = {"mean": mean, "iqm": interquartile_mean}
@@ -189,7 +198,7 @@ def draw_panel(
         axes.text(0.99, 0.98, "at the end", size="x-small", ha="right", va="top",
                   transform=axes.transAxes)  # fmt: skip
     of_studies = panel.studies and against == "env_steps"
-    style.big_axis(axes, "Experiments" if of_studies else METRICS[against])
+    big_axis(axes, "Experiments" if of_studies else METRICS[against])
 
 
 def series(run: Run, metric: str, against: str, episodes: int) -> tuple[np.ndarray, np.ndarray]:

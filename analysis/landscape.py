@@ -12,21 +12,23 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from zoac.analysis.data import cli, replay
 from zoac.analysis.data.runs import Run, by_method
 from zoac.analysis.data.selection import chosen, median_run
 from zoac.analysis.figures import style
-from zoac.analysis.figures.labels import unit_label
+from zoac.analysis.figures.labels import big_axis, unit_label
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.rollout.task import Task
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MIN_SPAN = 0.1
 """Smallest range of a cost axis, as a fraction of the cost."""
@@ -113,7 +115,7 @@ def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> Figure:
         _draw_evolution(evolution, runs, part.parameter)
         _draw_cost(cost, part)
         if k + pairs >= len(slices):
-            style.big_axis(evolution, "Steps")
+            big_axis(evolution, "Steps")
             cost.set_xlabel("Cost")
         else:
             evolution.tick_params(labelbottom=False)
@@ -161,6 +163,8 @@ def _draw_cost(axes: Axes, part: Slice) -> None:
         # The line of a parameter that hardly matters must look flat.
         span = max(float(np.ptp(mean)), MIN_SPAN * abs(float(mean.min())))
         axes.set_xlim(mean.min() - 0.1 * span, mean.min() + 1.1 * span)
+        from matplotlib.ticker import MaxNLocator
+
         axes.xaxis.set_major_locator(MaxNLocator(2))
         axes.ticklabel_format(axis="x", useOffset=False)
     axes.tick_params(labelleft=False)

@@ -12,11 +12,10 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from zoac.analysis.data import cli
 from zoac.analysis.data.plants import (
@@ -34,6 +33,10 @@ from zoac.analysis.data.selection import chosen
 from zoac.analysis.figures import style
 from zoac.analysis.pages.formatting import pipes, signed, significant
 from zoac.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 TAIL = 0.1
 """Fraction of the costliest episodes whose mean is the tail risk (CVaR)."""
@@ -148,7 +151,7 @@ def table(varied: Variation | None, around: Sequence[Sensitivity]) -> str:
 def draw(varied: Variation | None, around: Sequence[Sensitivity]) -> Figure:
     """Return a figure: cost against each varied number, and the sensitivity."""
     names = [] if varied is None else list(varied.plants)
-    figure = Figure(figsize=(style.PAGE, max(2.2, 0.5 + 0.16 * len(around))), layout="constrained")
+    figure = style.blank(style.PAGE, max(2.2, 0.5 + 0.16 * len(around)))
     panels = figure.subplots(1, len(names) + 1, squeeze=False)[0]
     for axes, name in zip(panels, names, strict=False):
         assert varied is not None

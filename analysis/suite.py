@@ -13,10 +13,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from zoac.analysis.data import cli
 from zoac.analysis.data.runs import Method, Run
@@ -34,6 +34,9 @@ from zoac.analysis.statistics.profiles import (
     with_scores,
 )
 from zoac.core.errors import ConfigError, RunFolderError, suggest
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLUMNS = ["problem", "parameters", "tuner", "experiments", "seed", "cost", "seconds"]
 LIMITS = np.linspace(0.0, 1.5, 151)
@@ -220,7 +223,7 @@ def _cell(value: Interval) -> str:
 def figure(scored: pd.DataFrame) -> Figure:
     """Return the performance profiles: the share of runs within each score, by experiments."""
     counts = sorted(set(scored["experiments"]))
-    drawn = Figure(figsize=(style.PAGE, 2.4), layout="constrained")
+    drawn = style.blank(style.PAGE, 2.4)
     panels = drawn.subplots(1, len(counts), sharey=True, squeeze=False)[0]
     methods = {tuner: Method("suite", tuner, None) for tuner in sorted(set(scored["tuner"]))}
     looks = style.looks(methods.values())

@@ -10,13 +10,9 @@ import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from zoac.analysis.data import cli, replay
 from zoac.analysis.data.baseline import Before, before
@@ -27,6 +23,12 @@ from zoac.analysis.figures.labels import TASKS, method_labels, tuner_names
 from zoac.core.measures import Trace
 from zoac.core.segments import Segment
 from zoac.rollout.task import Task
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 REFERENCE, LIMIT = "Reference", "Limit"
 

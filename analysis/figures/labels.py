@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 from zoac.analysis.data.runs import REGULARISED, Method, Run
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 TUNERS = {
     "zoac": "ZOAC",
@@ -82,3 +87,16 @@ def stands_apart(method: Method, methods: Iterable[Method]) -> bool:
 def unit_label(name: str, unit: str) -> str:
     """Return "m [kg]", or the name alone for a pure number."""
     return f"{name} [{unit.replace('^2', '²')}]" if unit else name
+
+
+def big_axis(axes: Axes, label: str) -> None:
+    """Label the x axis; large numbers are shown in powers of ten, which the label names."""
+    largest = max(abs(limit) for limit in axes.get_xlim())
+    exponent = math.floor(math.log10(largest)) if largest > 0 else 0
+    if exponent < 4:
+        axes.set_xlabel(label)
+        return
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value / 10.0**exponent:g}")
+    factor = f"$10^{exponent}$"
+    unit = f"[{factor} s]" if label.endswith("[s]") else f"[{factor}]"
+    axes.set_xlabel(f"{label.removesuffix('[s]').rstrip()} {unit}")

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from io import BytesIO
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from zlib import crc32
-
-import matplotlib as mpl
-from cycler import Cycler, cycler
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from zoac.analysis.data import cli
 from zoac.analysis.data.runs import Method
 from zoac.analysis.figures.labels import stands_apart
 from zoac.runs import responses
+
+if TYPE_CHECKING:
+    from cycler import Cycler
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLUMN, PAGE = 3.5, 7.16
 """Widths of one and of two columns [in]."""
@@ -146,20 +145,24 @@ _METADATA: dict[str, dict[str, Any]] = {
 
 def paper() -> AbstractContextManager[None]:
     """Draw and save figures for print, whatever the user's own matplotlib settings."""
-    return mpl.rc_context(_complete(_PAPER))
+    return _drawing(_PAPER)
 
 
 def screen() -> AbstractContextManager[None]:
     """Draw and save figures for the report, likewise."""
-    return mpl.rc_context(_complete(SCREEN))
+    return _drawing(SCREEN)
 
 
-def _complete(settings: Any) -> Any:
-    return {**mpl.rcParamsDefault, "backend": "agg", **settings}
+def _drawing(settings: Any) -> AbstractContextManager[None]:
+    import matplotlib as mpl
+
+    return mpl.rc_context({**mpl.rcParamsDefault, "backend": "agg", **settings})
 
 
 def cycle() -> Cycler:
     """Return colours, dashes and markers for the lines of figures that compare no tuners."""
+    from cycler import cycler
+
     lines = [look.line for look in LOOKS.values() if look is not NOMINAL]
     return cycler(**{key: [line[key] for line in lines] for key in lines[0]})
 
@@ -204,6 +207,13 @@ def _probed(names: Sequence[str], count: int) -> dict[str, int]:
     return found
 
 
+def blank(width: float, height: float) -> Figure:
+    """Return an empty figure of this size [in]."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
 def panels(
     count: int, columns: int, height: float, more: float, **options: Any
 ) -> tuple[Figure, list[Axes]]:
@@ -217,8 +227,7 @@ def panels(
         options: Of `Figure.subplots`.
     """
     rows = -(-count // columns)
-    size = (PAGE if columns > 1 else COLUMN, height * rows + more)
-    figure = Figure(figsize=size, layout="constrained")
+    figure = blank(PAGE if columns > 1 else COLUMN, height * rows + more)
     grid = figure.subplots(rows, columns, squeeze=False, **options).ravel().tolist()
     for spare in grid[count:]:
         spare.remove()
@@ -240,6 +249,8 @@ def image(figure: Figure, kind: str, salt: str = "zoac") -> bytes:
         kind: File format.
         salt: Part of the ids in an SVG; must differ between the pictures of one page.
     """
+    import matplotlib as mpl
+
     buffer = BytesIO()
     with mpl.rc_context({"svg.hashsalt": salt}):
         figure.savefig(buffer, format=kind, dpi=300, metadata=_METADATA[kind])
@@ -284,16 +295,3 @@ def legend_above(figure: Figure, entries: Mapping[str, Artist], columns: int = 6
             figure.set_figheight(figure.get_figheight() + box.height / figure.dpi)
             return
         legend.remove()
-
-
-def big_axis(axes: Axes, label: str) -> None:
-    """Label the x axis; large numbers are shown in powers of ten, which the label names."""
-    largest = max(abs(limit) for limit in axes.get_xlim())
-    exponent = math.floor(math.log10(largest)) if largest > 0 else 0
-    if exponent < 4:
-        axes.set_xlabel(label)
-        return
-    axes.xaxis.set_major_formatter(lambda value, _: f"{value / 10.0**exponent:g}")
-    factor = f"$10^{exponent}$"
-    unit = f"[{factor} s]" if label.endswith("[s]") else f"[{factor}]"
-    axes.set_xlabel(f"{label.removesuffix('[s]').rstrip()} {unit}")

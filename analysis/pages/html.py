@@ -6,12 +6,14 @@ import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
-
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING
 
 from zoac.analysis.figures import style
 from zoac.analysis.pages.formatting import NOTHING
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _CSS = "page.css"
 
@@ -160,7 +162,7 @@ def code(text: str) -> str:
 
 def figure(height: float = 2.7) -> tuple[Figure, Axes]:
     """Return a figure for `gallery`, and its axes."""
-    made = Figure(figsize=(4.2, height), layout="constrained")
+    made = style.blank(4.2, height)
     return made, made.subplots()
 
 

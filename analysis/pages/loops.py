@@ -7,7 +7,6 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from zoac.analysis.data import replay
 from zoac.analysis.data.baseline import Before
@@ -29,6 +28,7 @@ from zoac.specs import step_info as figures
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
 MAX_VIEW = 3.0
 """Largest range of an axis, as a multiple of what the tuned controller needs."""

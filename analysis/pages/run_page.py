@@ -9,7 +9,7 @@ import numpy as np
 from zoac.analysis.data.baseline import Before, before
 from zoac.analysis.data.runs import Run
 from zoac.analysis.figures import style
-from zoac.analysis.figures.labels import METRICS
+from zoac.analysis.figures.labels import METRICS, big_axis
 from zoac.analysis.pages import html, loops
 from zoac.analysis.pages.formatting import estimate, signed, significant
 from zoac.analysis.pages.parameters import parameters
@@ -150,7 +150,7 @@ def _learning_curves(run: Run, compared: Before | None) -> list[str]:
         seen = np.concatenate([values, level])
         if np.nanmin(seen) > 0 and np.nanmax(seen) > 20 * np.nanmin(seen):
             axes.set_yscale("log")
-        style.big_axis(axes, "Experiments" if study else METRICS["env_steps"])
+        big_axis(axes, "Experiments" if study else METRICS["env_steps"])
         axes.set_ylabel("Cost" if metric == "cost_mean" else METRICS[metric])
         name = f"{run.folder} {metric}"
         pictures.append(html.picture(figure, name, METRICS[metric], caption, columns=4))

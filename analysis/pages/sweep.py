@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from zoac.analysis.curves import all_panels, draw_panel
 from zoac.analysis.data.baseline import Before, baseline_values
@@ -26,6 +26,9 @@ from zoac.analysis.pages.formatting import (
 from zoac.analysis.statistics.claims import Claim
 from zoac.analysis.statistics.comparison import Comparison, compare
 from zoac.analysis.statistics.intervals import MIN_SEEDS, Interval
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 def sweep(collection: Collection, task: str) -> str:

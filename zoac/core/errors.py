@@ -7,7 +7,8 @@ nearest valid choice.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
@@ -118,6 +119,21 @@ RENAMED = {
     "ours_reg": "zoac_reg",
 }
 """Former names of options -> their names."""
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """Draw in the body, or as a decorator: Matplotlib is an extra.
+
+    Raises:
+        ConfigError: If it is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != "matplotlib":
+            raise
+        raise ConfigError("figures need Matplotlib: pip install 'zoac[figures]'") from error
 
 
 def suggest(name: str, choices: Iterable[str]) -> str:

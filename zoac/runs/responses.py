@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zoac.core.errors import RunFolderError
+from zoac.core.errors import RunFolderError, drawing
 from zoac.runs import schema
 from zoac.specs import guides
 from zoac.specs.signals import Episode
@@ -110,6 +110,7 @@ def title(record: Mapping[str, Any]) -> str:
     return f"Final episode {shown['episode'] + 1} of {shown['of']}{decides}"
 
 
+@drawing()
 def plot(folder: Path, record: Mapping[str, Any]) -> Figure:
     """Return a figure with axes for each signal that is not the reference of another.
 
@@ -120,6 +121,7 @@ def plot(folder: Path, record: Mapping[str, Any]) -> Figure:
         record: The content of its `result.json`.
 
     Raises:
+        ConfigError: If Matplotlib is not installed.
         RunFolderError: If the run has no signals.
     """
     from matplotlib.figure import Figure
