@@ -65,8 +65,9 @@ def of_type_checkers(tree):
 def imports(module, at_load=False):
     """Return the dotted names that a module imports; `at_load`: only while it is loaded."""
     tree = ast.parse(MODULES[module].read_text())
-    hidden = of_type_checkers(tree)
+    hidden = set()
     if at_load:
+        hidden = of_type_checkers(tree)
         functions = (ast.FunctionDef, ast.AsyncFunctionDef)
         hidden |= {
             id(inner)

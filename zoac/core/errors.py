@@ -10,10 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from zoac.runs.result import Result
+from typing import Any
 
 
 class ZoacError(Exception):
@@ -76,10 +73,10 @@ class Interrupted(KeyboardInterrupt):
         record: What is known so far, with keys of `result.json`.
 
     Attributes:
-        result: The record as a result; of `zoac.tune` only.
+        result: The record as a `zoac.Result`; of `zoac.tune` only.
     """
 
-    result: Result
+    result: Any
 
     def __init__(self, message: str, record: Mapping[str, Any] | None = None) -> None:
         super().__init__(message)
