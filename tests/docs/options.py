@@ -77,7 +77,7 @@ def section(group: str) -> Iterator[str]:
             listed = list(rows_of_file(CONF / group / f"{name}.yaml", f"{group}."))
         else:
             target = choice(group, name)["_target_"]
-            if ".extras." in target:  # the class needs its library, and has its base's options
+            if name in ("botorch", "smac"):  # needs its library, and has its base's options
                 target = "zoac.baselines.extras.model_tuner.ModelTuner"
             module, _, last = target.rpartition(".")
             listed = list(rows(getattr(importlib.import_module(module), last), f"{group}."))
