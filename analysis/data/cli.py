@@ -13,7 +13,7 @@ from typing import Any
 
 from zoac.analysis.data.load import load
 from zoac.analysis.data.runs import WITHOUT_VARIANT, Collection
-from zoac.core.errors import ConfigError, ZoacError, drawing, suggest
+from zoac.core.errors import ConfigError, ZoacError, needs_matplotlib, suggest
 from zoac.run.pipes import reader_may_leave
 
 FORMATS = ("svg", "pdf", "png")
@@ -105,7 +105,7 @@ def guarded(
     """Parse `argv` and call `body`; print a user's error as one message and return 1."""
     options = arguments.parse_args(argv)
     try:
-        with reader_may_leave(), drawing():
+        with reader_may_leave(), needs_matplotlib():
             body(options)
     except ZoacError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -119,8 +119,8 @@ RENAMED = {
 
 
 @contextmanager
-def drawing() -> Iterator[None]:
-    """Draw in the body, or as a decorator: Matplotlib is an extra.
+def needs_matplotlib() -> Iterator[None]:
+    """Say which extra to install if what runs inside finds no Matplotlib. Also a decorator.
 
     Raises:
         ConfigError: If it is not installed.

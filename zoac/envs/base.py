@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from zoac.core.errors import ConfigError, drawing, suggest
+from zoac.core.errors import ConfigError, needs_matplotlib, suggest
 
 Snapshot = dict[str, Any]
 
@@ -168,7 +168,7 @@ class ArrayVecEnv(VecEnv):
         """Return a picture of every environment, if made with `render_mode="rgb_array"`."""
         if self.render_mode is None:
             return None
-        with drawing():
+        with needs_matplotlib():
             return tuple(self._frame(env_index) for env_index in range(self.num_envs))
 
     def reset(

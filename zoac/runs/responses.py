@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zoac.core.errors import RunFolderError, drawing
+from zoac.core.errors import RunFolderError, needs_matplotlib
 from zoac.runs import schema
 from zoac.specs import guides
 from zoac.specs.signals import Episode
@@ -110,7 +110,7 @@ def title(record: Mapping[str, Any]) -> str:
     return f"Final episode {shown['episode'] + 1} of {shown['of']}{decides}"
 
 
-@drawing()
+@needs_matplotlib()
 def plot(folder: Path, record: Mapping[str, Any]) -> Figure:
     """Return a figure with axes for each signal that is not the reference of another.
 
