@@ -13,6 +13,13 @@ from zoac.core.tuner import Problem
 from zoac.core.types import Positive
 from zoac.rollout.outcomes import Outcomes
 
+WIDEST = 2.0 / 3.0
+"""Largest standard deviation in normalised coordinates: a third of the box, as pycma has it.
+
+Nevergrad reflects points at the bounds and does not tell pycma of them. Without this limit, costs
+that noise dominates let the deviation grow to several widths of the box.
+"""
+
 
 class CmaEs(NevergradTuner):
     """Nevergrad's `CMA`, or its `ParametrizedCMA` where an option says otherwise.
@@ -64,14 +71,15 @@ class CmaEs(NevergradTuner):
         self._factory = ng.optimizers.registry["CMA"]
         if not self._by_library:
             d = problem.space.dimension
+            # The library scales its mutations by this factor on a bounded box.
+            self._initial_sigma = (initial_sigma or 0.5) / (0.3 if d < 18 else 0.15)
             self._factory = ng.families.ParametrizedCMA(
                 scale=1.0,
                 popsize=population or 4 + int(3 * np.log(d)),
                 diagonal=covariance == "diagonal",
                 elitist=bool(elitist),
+                inopts={"maxstd": WIDEST / self._initial_sigma},
             )
-            # The library scales its mutations by this factor on a bounded box.
-            self._initial_sigma = (initial_sigma or 0.5) / (0.3 if d < 18 else 0.15)
             self._workers = 1  # with more workers the library would enlarge the population
         super().__init__(problem, recommendation=recommendation, **options)
 

@@ -75,6 +75,18 @@ def stirred_tank() -> Task:
     )
 
 
+def hummingbird() -> Task:
+    """Return RotorPy's geometric controller for a quadrotor in wind."""
+    from zoac.tasks.suite import quadrotor  # no other problem waits for Numba's import
+
+    return user_task(
+        env=quadrotor.Quadrotor,
+        controller=quadrotor.fly,
+        space=quadrotor.SPACE,
+        max_episode_steps=quadrotor.STEPS,
+    )
+
+
 def policy(env: str, steps: Count, bound: Positive) -> Task:
     """Return a linear policy for an environment of Gymnasium.
 

@@ -143,12 +143,12 @@ class ScalarController:
         """See `Controller.act`; but objects in `memory` change in place."""
         rows = zip(*(values.tolist() for values in params.values()), strict=True)
         actions = []
-        for env_index, numbers in enumerate(rows):
-            values = dict(zip(params, numbers, strict=True)) | self._fixed
+        for env_index, (numbers, observation) in enumerate(zip(rows, obs.copy(), strict=True)):
+            values = {**dict(zip(params, numbers, strict=True)), **self._fixed}
             for name, plain in self._plain.items():
                 values[name] = plain(values[name])
             act = memory["controller"][env_index].act if self._remembers else self._controller
-            action = act(values, obs[env_index].copy())
+            action = act(values, observation)
             if action is None:
                 raise TypeError("act returned None, expected a number or an array")
             actions.append(np.asarray(action, dtype=np.float64).reshape(-1))

@@ -151,13 +151,13 @@ class RolloutEngine:
         """
         self._failures, self._not_begun = self._not_begun, {}
         moves = active.copy()
-        moves[list(self._failures)] = False
-        commands, diagnostics = self._controllers.act(
-            np.flatnonzero(moves), self._observations, self._failures
-        )
+        if self._failures:
+            moves[list(self._failures)] = False
+        rows = moves.nonzero()[0]
+        commands, diagnostics = self._controllers.act(rows, self._observations, self._failures)
         before = self._observations
         self._observations, _, terminated, truncated, infos = self._env.step(
-            commands, None if moves.all() else moves
+            commands, None if len(rows) == self.n else moves
         )
         costs, failures = infos["cost"], dict(infos.get("failures", {}))
         if self._penalty is not None:
