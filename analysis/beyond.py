@@ -7,8 +7,6 @@ has the terminations per 100,000 steps of tuning. The files are beyond.md and be
 ablation each variant leaves one thing out.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Collection, Sequence
 

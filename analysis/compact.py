@@ -12,8 +12,6 @@ without `--parameters`, the parameters while tuning, which `zoac.analysis.landsc
     methods.json     what run.json says, one record per method
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import io

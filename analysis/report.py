@@ -3,8 +3,6 @@
 Nothing is fetched: style and pictures are in the page. The same runs give the same bytes.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 Writes table2.md, table2.tex and table2.csv; the same runs give the same bytes.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Options, error messages and output files that the commands of this package have in common."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 import textwrap

@@ -1,7 +1,5 @@
 """Checks that runs may be averaged or compared; the errors name the keys that differ."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

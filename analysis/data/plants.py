@@ -1,7 +1,5 @@
 """Costs of a run's parameters on other plants, and around the parameters themselves."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """A film of the closed loop, before tuning beside after it."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """Numbers as a table prints them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

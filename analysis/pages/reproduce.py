@@ -1,7 +1,5 @@
 """The part of a report that says how to make the run again, and on what it was made."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from collections.abc import Mapping, Sequence

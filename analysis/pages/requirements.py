@@ -1,7 +1,5 @@
 """The part of a report that shows what was required: a green or red row per spec and constraint."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from html import escape

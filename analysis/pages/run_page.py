@@ -1,7 +1,5 @@
 """The part of a report that shows one run: what tuning changed, and how it went."""
 
-from __future__ import annotations
-
 from html import escape
 
 import numpy as np

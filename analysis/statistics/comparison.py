@@ -1,7 +1,5 @@
 """Methods side by side: each over its seeds, what is missing, which claims the data support."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -10,8 +10,6 @@ for n seeds. For five normal seeds, a plain 95% interval covers the true value i
 and this interval in 92%. For fewer than five seeds there is no interval.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
