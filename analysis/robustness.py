@@ -53,7 +53,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = cli.parser(
         "robustness", "Tuned parameters on varied plants.", "robustness", *cli.OPTIONS
     )
-    parser.add_argument("--task", help="default: the only one there is")
     parser.add_argument("--tuner", help="default: zoac's median run, or whatever was tuned")
     parser.add_argument("--seed", type=int, help="default: the median run")
     parser.add_argument(

@@ -181,15 +181,17 @@ class Collection:
                 raise RunFolderError(f"no run of tuner {row!r}; {suggest(row, known)}")
         return replace(self, runs=tuple(r for r in self.runs if r.method.row in rows))
 
-    def of_variant(self, variant: str) -> Self:
+    def of_variant(self, variant: str | None) -> Self:
         """Return the runs of the named variant, and untuned ones, with every skipped folder.
 
         Args:
-            variant: Its name; `WITHOUT_VARIANT`: runs that have none.
+            variant: Its name; `WITHOUT_VARIANT`: runs that have none; None: all runs.
 
         Raises:
             RunFolderError: If there is none.
         """
+        if variant is None:
+            return self
         known = variants(self.runs)
         if variant not in known:
             raise RunFolderError(f"no run of variant {variant!r}; {suggest(variant, known)}")

@@ -46,7 +46,7 @@ def write(path: Path, run: Run) -> None:
     task = replay.rebuild(run)
     segments = replay.demonstrate(task, [first, run.outcome["parameters"]])
     titles = ("Before tuning", f"After {run.outcome['env_steps']:,} steps")
-    with cli.writing(path), style.screen():
+    with cli.writing(path), style.drawing(style.SCREEN):
         (_write_gif if path.suffix == ".gif" else _write_mp4)(path, frames(task, segments, titles))
 
 
