@@ -23,16 +23,8 @@ from zoac.analysis.data.runs import Method, Run
 from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import TUNERS
 from zoac.analysis.pages.formatting import NOTHING, pipes
+from zoac.analysis.statistics import profiles
 from zoac.analysis.statistics.intervals import Interval
-from zoac.analysis.statistics.profiles import (
-    NEAR,
-    RANDOM,
-    experiments_needed,
-    improvement,
-    mean_score,
-    share_within,
-    with_scores,
-)
 from zoac.core.errors import ConfigError, RunFolderError, suggest
 
 if TYPE_CHECKING:
@@ -46,7 +38,9 @@ LIMITS = np.linspace(0.0, 1.5, 151)
 def main(argv: Sequence[str] | None = None) -> int:
     """Write tables and figure; return the exit code."""
     parser = cli.parser("suite", "Tuners over many problems.", "tables", "--format")
-    parser.add_argument("--against", default=RANDOM, metavar="TUNER", help=f"default: {RANDOM}")
+    parser.add_argument(
+        "--against", default=profiles.RANDOM, metavar="TUNER", help=f"default: {profiles.RANDOM}"
+    )
     parser.add_argument("--problems", help="default: all; such as suite/hopper,suite/loop_43")
     return cli.guarded(_command, parser, argv)
 
@@ -59,7 +53,7 @@ def _command(options: argparse.Namespace) -> None:
         raise ConfigError(f"no run of tuner {options.against!r}; {suggest(options.against, known)}")
     cli.write(options.out / "suite.csv", runs.to_csv(index=False, lineterminator="\n"))
     cli.write_markdown(options.out / "suite.md", markdown(runs, options.against))
-    style.save(lambda: figure(with_scores(runs)), options, "suite")
+    style.save(lambda: figure(profiles.with_scores(runs)), options, "suite")
 
 
 def frame_of(options: argparse.Namespace) -> pd.DataFrame:
@@ -135,7 +129,7 @@ def markdown(runs: pd.DataFrame, against: str) -> str:
         runs: Rows as in suite.csv.
         against: The tuner that others are compared with.
     """
-    scored = with_scores(runs)
+    scored = profiles.with_scores(runs)
     left_out = sorted(set(runs["problem"]) - set(scored["problem"]))
     text = [
         "# Which tuner\n",
@@ -151,9 +145,9 @@ def markdown(runs: pd.DataFrame, against: str) -> str:
         )
     for count, group in scored.groupby("experiments"):
         text += [f"## {count:,} experiments\n", _scores(group, against)]
-    needed = experiments_needed(scored)
+    needed = profiles.experiments_needed(scored)
     text += [
-        f"## Experiments until most runs score at most {NEAR:g}\n",
+        f"## Experiments until most runs score at most {profiles.NEAR:g}\n",
         _needed(needed, _sizes(scored)),
         "## Costs\n\nMedian over the seeds; the lowest of a row is bold.\n",
         _costs(runs),
@@ -165,17 +159,17 @@ def _scores(group: pd.DataFrame, against: str) -> str:
     rows = []
     for tuner, own in group.groupby("tuner"):
         other = group[group["tuner"] == against]
-        better = improvement(own, other) if len(other) and tuner != against else None
-        near = share_within(own["score"].to_numpy(), [NEAR])[0]
-        mean = mean_score(own)
+        better = NOTHING if tuner == against else _cell(profiles.improvement(own, other))
+        near = profiles.share_within(own["score"].to_numpy(), [profiles.NEAR])[0]
+        mean = profiles.mean_score(own)
         cells = [
-            _name(str(tuner)), _cell(mean), f"{near:.0%}", _cell(better) if better else NOTHING,
+            _name(str(tuner)), _cell(mean), f"{near:.0%}", better,
             str(int((~np.isfinite(own["score"])).sum())), f"{own['seconds'].median():.1f}",
             f"{own['problem'].nunique()} x {own['seed'].nunique()}",
         ]  # fmt: skip
         rows.append((mean.estimate, cells))
     head = [
-        "Tuner", "mean score, each at most 1", f"score <= {NEAR:g}",
+        "Tuner", "mean score, each at most 1", f"score <= {profiles.NEAR:g}",
         f"P(costs less than {_name(against)})", "failed", "processor seconds (median)",
         "problems x seeds",
     ]  # fmt: skip
@@ -230,7 +224,7 @@ def figure(scored: pd.DataFrame) -> Figure:
     for axes, count in zip(panels, counts, strict=True):
         group = scored[scored["experiments"] == count]
         for tuner, own in group.groupby("tuner"):
-            share = share_within(own["score"].to_numpy(), list(LIMITS))
+            share = profiles.share_within(own["score"].to_numpy(), list(LIMITS))
             axes.plot(
                 LIMITS, share, label=_name(str(tuner)), markevery=25,
                 **looks[methods[str(tuner)]].line,
