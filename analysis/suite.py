@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMNS = ["problem", "parameters", "tuner", "experiments", "seed", "cost", "seconds"]
+KEY = ["problem", "tuner", "experiments", "seed"]
+"""What tells runs apart."""
+
 LIMITS = np.linspace(0.0, 1.5, 151)
 """Scores of the profiles' axis."""
 
@@ -47,6 +50,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _command(options: argparse.Namespace) -> None:
     runs = read(options.runs) if options.runs.suffix == ".csv" else frame_of(options)
+    if (twice := runs.duplicated(KEY)).any():
+        what = ", ".join(f"{name} {runs.loc[twice, name].iloc[0]}" for name in KEY)
+        raise RunFolderError(f"{options.runs}: two runs of {what}; keep one variant a folder")
     if options.problems:
         runs = _chosen(runs, options.problems.split(","))
     if options.against not in (known := sorted(set(runs["tuner"]))):
@@ -60,7 +66,7 @@ def frame_of(options: argparse.Namespace) -> pd.DataFrame:
     """Return a row for each finished run whose budget was given in experiments.
 
     Raises:
-        RunFolderError: If there is none, or two have the same problem, tuner, number and seed.
+        RunFolderError: If there is none.
     """
     runs = [
         run
@@ -72,10 +78,8 @@ def frame_of(options: argparse.Namespace) -> pd.DataFrame:
             f"{options.runs}: no finished run has a number of experiments; make some with "
             "experiment=suite, or experiments=100"
         )
-    frame = pd.DataFrame([_row(run) for run in runs], columns=COLUMNS).sort_values(
-        ["problem", "tuner", "experiments", "seed"], ignore_index=True
-    )
-    return _without_doubles(frame, str(options.runs))
+    frame = pd.DataFrame([_row(run) for run in runs], columns=COLUMNS)
+    return frame.sort_values(KEY, ignore_index=True)
 
 
 def _row(run: Run) -> list[object]:
@@ -103,15 +107,7 @@ def read(path: Path) -> pd.DataFrame:
         raise RunFolderError(f"{path}: cannot be read as CSV: {error}") from None
     if missing := [name for name in COLUMNS if name not in frame]:
         raise RunFolderError(f"{path}: no column {missing[0]!r}; expected {', '.join(COLUMNS)}")
-    return _without_doubles(frame[COLUMNS], str(path))
-
-
-def _without_doubles(frame: pd.DataFrame, where: str) -> pd.DataFrame:
-    key = ["problem", "tuner", "experiments", "seed"]
-    if (twice := frame.duplicated(key)).any():
-        what = ", ".join(f"{name} {frame.loc[twice, name].iloc[0]}" for name in key)
-        raise RunFolderError(f"{where}: two runs of {what}; keep one variant a folder")
-    return frame
+    return frame[COLUMNS]
 
 
 def _chosen(runs: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:

@@ -8,7 +8,7 @@ import numpy as np
 
 from zoac.analysis.data.fairness import refuse_unequal, unmixed
 from zoac.analysis.data.runs import Collection, Method, Run
-from zoac.analysis.figures.labels import TASKS, family, method_labels, tuner_names
+from zoac.analysis.figures.labels import family, method_labels, tuner_names
 from zoac.analysis.statistics.claims import Claim, claim_stream, claims
 from zoac.analysis.statistics.intervals import (
     Interval,
@@ -83,11 +83,6 @@ class Comparison:
     notes: tuple[str, ...]
     budget: int | None
     episodes: int
-
-    @property
-    def title(self) -> str:
-        """The task's name for people to read."""
-        return TASKS.get(self.task, self.task)
 
 
 def compare(
