@@ -7,8 +7,6 @@ has the terminations per 100,000 steps of tuning. The files are beyond.md and be
 ablation each variant leaves one thing out.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Collection, Sequence
 
@@ -141,37 +139,30 @@ def markdown(task: str, frame: pd.DataFrame, reference: str, cost: float) -> str
     text = (
         f"## {TASKS.get(task, task)}\n\n"
         f"Cost over that of {against} ({cost:.4g}) on the same episodes: mean, worst seed, (number "
-        f"of seeds).\n\n{_lines(frame['ratio'], frame, _ratio_cell)}\n"
+        f"of seeds).\n\n{_lines(frame, 'ratio', _ratios)}\n"
     )
     if frame["terminations"].isna().all():
         return text
     return (
         f"{text}\nTerminations per 100,000 steps of tuning: mean of the seeds.\n\n"
-        f"{_lines(frame['terminations'], frame, _mean_cell)}\n"
+        f"{_lines(frame, 'terminations', lambda known: f'{known.mean():.3g}')}\n"
     )
 
 
-def _lines(values: pd.Series, frame: pd.DataFrame, cell: Callable[[pd.Series], str]) -> str:
+def _lines(frame: pd.DataFrame, column: str, cell: Callable[[pd.Series], str]) -> str:
     """Return a row per method and a column per budget, each cell of its seeds' known values."""
     budgets = sorted(frame["budget"].unique())
     lines = [["Tuner", *(f"{budget:,} steps" for budget in budgets)]]
     for (tuner, variant), row in frame.groupby(ROW, sort=False):
         label = TUNERS.get(str(tuner), str(tuner)) + (f" [{variant}]" if variant else "")
-        cells = [values[row.index[row["budget"] == budget]].dropna() for budget in budgets]
+        cells = [row.loc[row["budget"] == budget, column].dropna() for budget in budgets]
         lines.append([label, *(cell(known) if len(known) else NOTHING for known in cells)])
     return pipes(lines)
 
 
-def _ratio_cell(ratios: pd.Series) -> str:
-    return f"{_ratio(ratios.mean())}, {_ratio(ratios.max())} ({len(ratios)})"
-
-
-def _mean_cell(values: pd.Series) -> str:
-    return f"{values.mean():.3g}"
-
-
-def _ratio(value: float) -> str:
-    return f"{value:.3f}" if value < 10 else f"{value:.3g}"
+def _ratios(known: pd.Series) -> str:
+    mean, worst = (f"{v:.3f}" if v < 10 else f"{v:.3g}" for v in (known.mean(), known.max()))
+    return f"{mean}, {worst} ({len(known)})"
 
 
 def _variant(run: Run) -> str:

@@ -12,15 +12,12 @@ without `--parameters`, the parameters while tuning, which `zoac.analysis.landsc
     methods.json     what run.json says, one record per method
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import io
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -32,10 +29,10 @@ from zoac.runs.schema import config_hash
 
 RUNS, EVALUATIONS, METHODS = "runs.csv", "evaluations.csv", "methods.json"
 
-KEY = ("task", "tuner", "variant", "seed")
+TEXTS = ("task", "tuner", "variant")
+KEY = (*TEXTS, "seed")
 """What tells runs apart."""
 
-TEXTS = ("task", "tuner", "variant")
 LISTS = ("cost_per_episode", "episode_lengths")
 
 PARAMETER = "parameters."
@@ -62,30 +59,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     from zoac.analysis.data import cli  # which loads runs, and so reads this module
 
     parser = cli.parser("compact", "Runs in three small files.", "compact")
-    parser.add_argument(
-        "--every",
-        type=cli.count,
-        default=1,
-        metavar="STEPS",
-        help="evaluations while tuning at least so far apart; default: all",
+    apart = "evaluations while tuning at least so far apart; default: all"
+    parser.add_argument("--every", type=cli.count, default=1, metavar="STEPS", help=apart)
+    summary = "no evaluations while tuning, and of results no single episodes"
+    parser.add_argument("--summary", action="store_true", help=summary)
+    parameters = "also the parameters of evaluations while tuning"
+    parser.add_argument("--parameters", action="store_true", help=parameters)
+    digits = (
+        "significant digits; default: of evaluations while tuning six, of results all, so that "
+        "they come back exactly"
     )
-    parser.add_argument(
-        "--summary",
-        action="store_true",
-        help="no evaluations while tuning, and of results no single episodes",
-    )
-    parser.add_argument(
-        "--parameters",
-        action="store_true",
-        help="also the parameters of evaluations while tuning",
-    )
-    parser.add_argument(
-        "--digits",
-        type=cli.count,
-        metavar="N",
-        help="significant digits; default: of evaluations while tuning six, of results all, so "
-        "that they come back exactly",
-    )
+    parser.add_argument("--digits", type=cli.count, metavar="N", help=digits)
 
     def command(options: argparse.Namespace) -> None:
         runs = cli.load_runs(options, episodes=not options.summary).some_finished()
@@ -109,25 +93,7 @@ def runs_csv(runs: Iterable[Run], digits: int | None = None, left_out: Sequence[
 
     Numbers have so many significant digits, or all.
     """
-    rows = []
-    for run in runs:
-        result = {k: v for k, v in run.outcome.items() if k not in (*KEY, *LEFT_OUT, *left_out)}
-        rows.append({**{key: run.identity[key] for key in KEY}, **_flat(result)})
-    return _csv(rows, json.dumps if digits is None else partial(_rounded, digits=digits))
-
-
-def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a row with a column for each parameter, after the others; see `_nested`."""
-    flat = dict(row)
-    named = flat.pop("parameters", {})
-    return flat | {f"{PARAMETER}{name}": value for name, value in named.items()}
-
-
-def _nested(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what `_flat` was given."""
-    named = {k.removeprefix(PARAMETER): v for k, v in row.items() if k.startswith(PARAMETER)}
-    others = {k: v for k, v in row.items() if not k.startswith(PARAMETER)}
-    return {**others, "parameters": named} if named else others
+    return _csv([_row(run, run.outcome, (*LEFT_OUT, *left_out)) for run in runs], digits)
 
 
 def evaluations_csv(
@@ -135,24 +101,14 @@ def evaluations_csv(
 ) -> str:
     """Return one row per evaluation while tuning, at least `every` steps apart."""
     left_out = {*OF_ONE_EVALUATION, *LEFT_OUT} - ({"parameters"} if parameters else set())
-    rows = [
-        {
-            **{key: run.identity[key] for key in KEY},
-            **_flat({k: v for k, v in row.items() if k not in left_out}),
-        }
-        for run in runs
-        if run.tuned
-        for row in _apart(run.evaluations, every)
-    ]
-    return _csv(rows, partial(_rounded, digits=digits or 6))
-
-
-def _apart(rows: Iterable[Mapping[str, Any]], every: int) -> Iterator[Mapping[str, Any]]:
-    due = 0
-    for row in rows:
-        if row["env_steps"] >= due:
-            due = row["env_steps"] // every * every + every
-            yield row
+    rows = []
+    for run in runs:
+        due = 0
+        for row in run.evaluations if run.tuned else ():
+            if row["env_steps"] >= due:
+                due = row["env_steps"] // every * every + every
+                rows.append(_row(run, row, left_out))
+    return _csv(rows, digits or 6)
 
 
 def methods_json(runs: Iterable[Run]) -> str:
@@ -169,28 +125,40 @@ def methods_json(runs: Iterable[Run]) -> str:
     return "[\n" + ",\n".join(lines) + "\n]\n"
 
 
-def _rounded(value: Any, digits: int) -> str:
-    # JSON has its own words for what is not finite.
-    short = isinstance(value, float) and math.isfinite(value)
-    return f"{value:.{digits}g}" if short else json.dumps(value)
+def _row(run: Run, record: Mapping[str, Any], left_out: Collection[str]) -> dict[str, Any]:
+    """Return the key of a run and what a record says, parameters last, as `_nested` reads it."""
+    row = {key: run.identity[key] for key in KEY}
+    row |= {k: v for k, v in record.items() if k not in (*KEY, *left_out, "parameters")}
+    named = {} if "parameters" in left_out else record.get("parameters", {})
+    return row | {f"{PARAMETER}{name}": value for name, value in named.items()}
 
 
-def _csv(rows: Sequence[Mapping[str, Any]], number: Callable[[Any], str]) -> str:
+def _nested(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row with its parameters by name, if it has any."""
+    named = {k.removeprefix(PARAMETER): v for k, v in row.items() if k.startswith(PARAMETER)}
+    others = {k: v for k, v in row.items() if not k.startswith(PARAMETER)}
+    return {**others, "parameters": named} if named else others
+
+
+def _csv(rows: Sequence[Mapping[str, Any]], digits: int | None) -> str:
     out = io.StringIO()
     columns = dict.fromkeys(key for row in rows for key in row)
     writer = csv.DictWriter(out, list(columns), restval="", lineterminator="\n")
     writer.writeheader()
-    writer.writerows({c: _cell(c, value, number) for c, value in row.items()} for row in rows)
+    writer.writerows({c: _cell(c, value, digits) for c, value in row.items()} for row in rows)
     return out.getvalue()
 
 
-def _cell(column: str, value: Any, number: Callable[[Any], str]) -> str:
+def _cell(column: str, value: Any, digits: int | None) -> str:
     if column in TEXTS:
         return value or ""
     if column in LISTS:
-        parts = ((part, len(list(same))) for part, same in groupby(map(number, value)))
-        return " ".join(part if times == 1 else f"{part}{TIMES}{times}" for part, times in parts)
-    return number(value)
+        repeated = groupby(_cell("", entry, digits) for entry in value)
+        counted = ((text, len(list(same))) for text, same in repeated)
+        return " ".join(text if times == 1 else f"{text}{TIMES}{times}" for text, times in counted)
+    if digits is not None and isinstance(value, float) and math.isfinite(value):
+        return f"{value:.{digits}g}"
+    return json.dumps(value)  # which has words for what is not finite
 
 
 def read(folder: Path) -> list[Run]:

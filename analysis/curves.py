@@ -90,7 +90,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(options: argparse.Namespace) -> None:
-    collection = cli.of_variant(cli.load_runs(options), options)
+    collection = cli.load_runs(options).of_variant(options.variant)
     if options.tuners is not None:
         collection = collection.of_rows(options.tuners.split(","))
     panels = all_panels(
@@ -124,7 +124,9 @@ def all_panels(
     runs = collection.some_finished()
     panels = []
     # PID-ACC comes first, as in the paper.
-    for base in sorted({family(run.method.task)[0] for run in runs}, key=_place):
+    known = list(TASKS)
+    bases = sorted({family(run.method.task)[0] for run in runs})
+    for base in sorted(bases, key=lambda task: known.index(task) if task in known else len(known)):
         of_task = [run for run in runs if run.method.task in family(base)]
         groups = unmixed(of_task).values()
         refuse_unequal([group[0] for group in groups])
@@ -250,11 +252,6 @@ def _curve(
 
 def _logged(runs: Iterable[Run]) -> set[str]:
     return {name for run in runs for row in run.metrics for name in numbers(row)} - set(AXES)
-
-
-def _place(task: str) -> tuple[int, str]:
-    known = list(TASKS)
-    return (known.index(task) if task in known else len(known)), task
 
 
 if __name__ == "__main__":

@@ -48,12 +48,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = cli.parser(
         "landscape", "Parameters and cost landscape (Fig. 4).", "figures", *cli.OPTIONS
     )
-    parser.add_argument("--task", help="default: the only one there is")
     parser.add_argument("--tuner", default="zoac", help="default: zoac")
     parser.add_argument("--parameters", help="names, with commas between; default: all")
-    parser.add_argument(
-        "--points", type=cli.count, default=25, help="along each parameter; default: 25"
-    )
+    along = "along each parameter; default: 25"
+    parser.add_argument("--points", type=cli.count, default=25, help=along)
     parser.add_argument("--episodes", type=cli.count, default=8, help="per point; default: 8")
     return cli.guarded(_command, parser, argv)
 

@@ -3,8 +3,6 @@
 Nothing is fetched: style and pictures are in the page. The same runs give the same bytes.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence
@@ -46,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(options: argparse.Namespace) -> None:
-    collection = cli.of_variant(cli.load_runs(options), options)
+    collection = cli.load_runs(options).of_variant(options.variant)
     if options.task is not None:
         collection = collection.of_task(*family(options.task))
     found = {family(run.method.task)[0] for run in collection.some_finished()}
@@ -78,18 +76,13 @@ def report(
     Raises:
         RunFolderError: If what it wrote is damaged.
     """
-    with style.screen():
-        bodies = {
-            TASKS.get(task, task): _of_task(collection, task, replay, robustness_folder)
-            for task in tasks
-        }
+    with style.drawing(style.SCREEN):
+        bodies = [_of_task(collection, task, replay, robustness_folder) for task in tasks]
+    names = [TASKS.get(task, task) for task in tasks]
+    if len(names) > 1:
+        bodies = [html.section(name, body) for name, body in zip(names, bodies, strict=True)]
     left_out = html.bullets([escape(str(item)) for item in collection.left_out])
-    last = html.section("Left out", left_out)
-    if len(bodies) == 1:
-        ((name, body),) = bodies.items()
-        return html.page(name, "Tuning report", [body, last])
-    sections = [html.section(name, body) for name, body in bodies.items()]
-    return html.page(", ".join(bodies), "Tuning report", [*sections, last])
+    return html.page(", ".join(names), [*bodies, html.section("Left out", left_out)])
 
 
 def _of_task(collection: Collection, task: str, replay: bool, robustness_folder: Path) -> str:
@@ -107,12 +100,12 @@ def _of_task(collection: Collection, task: str, replay: bool, robustness_folder:
         )
     for k, run in enumerate(tuned):
         siblings = sum(other.method == run.method for other in runs)
-        title = escape(run_page.title(run, labels[run.method], siblings))
+        median = f", the median of {siblings} by cost" if siblings > 1 else ""
+        title = escape(f"{labels[run.method]}, seed {run.seed}{median}")
         text = run_page.details(run, reference, replay, robust(run, robustness_folder))
-        single = len(runs) == 1
-        body.append(
-            html.paragraph(title, "muted") + text if single else html.folded(title, text, k == 0)
-        )
+        if len(runs) == 1:
+            return html.paragraph(title, "muted") + text
+        body.append(html.folded(title, text, k == 0))
     return "".join(body)
 
 

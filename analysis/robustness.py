@@ -53,7 +53,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = cli.parser(
         "robustness", "Tuned parameters on varied plants.", "robustness", *cli.OPTIONS
     )
-    parser.add_argument("--task", help="default: the only one there is")
     parser.add_argument("--tuner", help="default: zoac's median run, or whatever was tuned")
     parser.add_argument("--seed", type=int, help="default: the median run")
     parser.add_argument(
@@ -150,12 +149,12 @@ def table(varied: Variation | None, around: Sequence[Sensitivity]) -> str:
 
 def draw(varied: Variation | None, around: Sequence[Sensitivity]) -> Figure:
     """Return a figure: cost against each varied number, and the sensitivity."""
-    names = [] if varied is None else list(varied.plants)
+    plants = {} if varied is None else varied.plants
     figure = style.blank(style.PAGE, max(2.2, 0.5 + 0.16 * len(around)))
-    panels = figure.subplots(1, len(names) + 1, squeeze=False)[0]
-    for axes, name in zip(panels, names, strict=False):
-        assert varied is not None
-        draw_costs(axes, varied, name)
+    panels = figure.subplots(1, len(plants) + 1, squeeze=False)[0]
+    if varied is not None:
+        for axes, name in zip(panels, plants, strict=False):
+            draw_costs(axes, varied, name)
     draw_sensitivity(panels[-1], around)
     for axes in panels:
         axes.legend()

@@ -23,22 +23,17 @@ from zoac.analysis.data.runs import Method, Run
 from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import TUNERS
 from zoac.analysis.pages.formatting import NOTHING, pipes
+from zoac.analysis.statistics import profiles
 from zoac.analysis.statistics.intervals import Interval
-from zoac.analysis.statistics.profiles import (
-    NEAR,
-    RANDOM,
-    experiments_needed,
-    improvement,
-    mean_score,
-    share_within,
-    with_scores,
-)
 from zoac.core.errors import ConfigError, RunFolderError, suggest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMNS = ["problem", "parameters", "tuner", "experiments", "seed", "cost", "seconds"]
+KEY = ["problem", "tuner", "experiments", "seed"]
+"""What tells runs apart."""
+
 LIMITS = np.linspace(0.0, 1.5, 151)
 """Scores of the profiles' axis."""
 
@@ -46,27 +41,32 @@ LIMITS = np.linspace(0.0, 1.5, 151)
 def main(argv: Sequence[str] | None = None) -> int:
     """Write tables and figure; return the exit code."""
     parser = cli.parser("suite", "Tuners over many problems.", "tables", "--format")
-    parser.add_argument("--against", default=RANDOM, metavar="TUNER", help=f"default: {RANDOM}")
+    parser.add_argument(
+        "--against", default=profiles.RANDOM, metavar="TUNER", help=f"default: {profiles.RANDOM}"
+    )
     parser.add_argument("--problems", help="default: all; such as suite/hopper,suite/loop_43")
     return cli.guarded(_command, parser, argv)
 
 
 def _command(options: argparse.Namespace) -> None:
     runs = read(options.runs) if options.runs.suffix == ".csv" else frame_of(options)
+    if (twice := runs.duplicated(KEY)).any():
+        what = ", ".join(f"{name} {runs.loc[twice, name].iloc[0]}" for name in KEY)
+        raise RunFolderError(f"{options.runs}: two runs of {what}; keep one variant a folder")
     if options.problems:
         runs = _chosen(runs, options.problems.split(","))
     if options.against not in (known := sorted(set(runs["tuner"]))):
         raise ConfigError(f"no run of tuner {options.against!r}; {suggest(options.against, known)}")
     cli.write(options.out / "suite.csv", runs.to_csv(index=False, lineterminator="\n"))
     cli.write_markdown(options.out / "suite.md", markdown(runs, options.against))
-    style.save(lambda: figure(with_scores(runs)), options, "suite")
+    style.save(lambda: figure(profiles.with_scores(runs)), options, "suite")
 
 
 def frame_of(options: argparse.Namespace) -> pd.DataFrame:
     """Return a row for each finished run whose budget was given in experiments.
 
     Raises:
-        RunFolderError: If there is none, or two have the same problem, tuner, number and seed.
+        RunFolderError: If there is none.
     """
     runs = [
         run
@@ -78,10 +78,8 @@ def frame_of(options: argparse.Namespace) -> pd.DataFrame:
             f"{options.runs}: no finished run has a number of experiments; make some with "
             "experiment=suite, or experiments=100"
         )
-    frame = pd.DataFrame([_row(run) for run in runs], columns=COLUMNS).sort_values(
-        ["problem", "tuner", "experiments", "seed"], ignore_index=True
-    )
-    return _without_doubles(frame, str(options.runs))
+    frame = pd.DataFrame([_row(run) for run in runs], columns=COLUMNS)
+    return frame.sort_values(KEY, ignore_index=True)
 
 
 def _row(run: Run) -> list[object]:
@@ -109,15 +107,7 @@ def read(path: Path) -> pd.DataFrame:
         raise RunFolderError(f"{path}: cannot be read as CSV: {error}") from None
     if missing := [name for name in COLUMNS if name not in frame]:
         raise RunFolderError(f"{path}: no column {missing[0]!r}; expected {', '.join(COLUMNS)}")
-    return _without_doubles(frame[COLUMNS], str(path))
-
-
-def _without_doubles(frame: pd.DataFrame, where: str) -> pd.DataFrame:
-    key = ["problem", "tuner", "experiments", "seed"]
-    if (twice := frame.duplicated(key)).any():
-        what = ", ".join(f"{name} {frame.loc[twice, name].iloc[0]}" for name in key)
-        raise RunFolderError(f"{where}: two runs of {what}; keep one variant a folder")
-    return frame
+    return frame[COLUMNS]
 
 
 def _chosen(runs: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
@@ -135,7 +125,7 @@ def markdown(runs: pd.DataFrame, against: str) -> str:
         runs: Rows as in suite.csv.
         against: The tuner that others are compared with.
     """
-    scored = with_scores(runs)
+    scored = profiles.with_scores(runs)
     left_out = sorted(set(runs["problem"]) - set(scored["problem"]))
     text = [
         "# Which tuner\n",
@@ -151,9 +141,9 @@ def markdown(runs: pd.DataFrame, against: str) -> str:
         )
     for count, group in scored.groupby("experiments"):
         text += [f"## {count:,} experiments\n", _scores(group, against)]
-    needed = experiments_needed(scored)
+    needed = profiles.experiments_needed(scored)
     text += [
-        f"## Experiments until most runs score at most {NEAR:g}\n",
+        f"## Experiments until most runs score at most {profiles.NEAR:g}\n",
         _needed(needed, _sizes(scored)),
         "## Costs\n\nMedian over the seeds; the lowest of a row is bold.\n",
         _costs(runs),
@@ -165,17 +155,17 @@ def _scores(group: pd.DataFrame, against: str) -> str:
     rows = []
     for tuner, own in group.groupby("tuner"):
         other = group[group["tuner"] == against]
-        better = improvement(own, other) if len(other) and tuner != against else None
-        near = share_within(own["score"].to_numpy(), [NEAR])[0]
-        mean = mean_score(own)
+        better = NOTHING if tuner == against else _cell(profiles.improvement(own, other))
+        near = profiles.share_within(own["score"].to_numpy(), [profiles.NEAR])[0]
+        mean = profiles.mean_score(own)
         cells = [
-            _name(str(tuner)), _cell(mean), f"{near:.0%}", _cell(better) if better else NOTHING,
+            _name(str(tuner)), _cell(mean), f"{near:.0%}", better,
             str(int((~np.isfinite(own["score"])).sum())), f"{own['seconds'].median():.1f}",
             f"{own['problem'].nunique()} x {own['seed'].nunique()}",
         ]  # fmt: skip
         rows.append((mean.estimate, cells))
     head = [
-        "Tuner", "mean score, each at most 1", f"score <= {NEAR:g}",
+        "Tuner", "mean score, each at most 1", f"score <= {profiles.NEAR:g}",
         f"P(costs less than {_name(against)})", "failed", "processor seconds (median)",
         "problems x seeds",
     ]  # fmt: skip
@@ -230,7 +220,7 @@ def figure(scored: pd.DataFrame) -> Figure:
     for axes, count in zip(panels, counts, strict=True):
         group = scored[scored["experiments"] == count]
         for tuner, own in group.groupby("tuner"):
-            share = share_within(own["score"].to_numpy(), list(LIMITS))
+            share = profiles.share_within(own["score"].to_numpy(), list(LIMITS))
             axes.plot(
                 LIMITS, share, label=_name(str(tuner)), markevery=25,
                 **looks[methods[str(tuner)]].line,

@@ -3,8 +3,6 @@
 Writes table2.md, table2.tex and table2.csv; the same runs give the same bytes.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -13,7 +11,7 @@ import pandas as pd
 
 from zoac.analysis.data import cli
 from zoac.analysis.data.runs import Collection
-from zoac.analysis.figures.labels import family
+from zoac.analysis.figures.labels import TASKS, family
 from zoac.analysis.pages.formatting import (
     NOTHING,
     bounds,
@@ -215,7 +213,8 @@ def _tex(text: str) -> str:
 
 def _title(comparison: Comparison) -> str:
     table2 = any((s.method.task, s.method.tuner) in PAPER for s in comparison.summaries)
-    return f"{'Table II: p' if table2 else 'P'}erformance comparison on {comparison.title}"
+    task = TASKS.get(comparison.task, comparison.task)
+    return f"{'Table II: p' if table2 else 'P'}erformance comparison on {task}"
 
 
 def _setting(comparison: Comparison) -> str:

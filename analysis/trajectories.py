@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
+Controller = tuple[str, style.Look, Mapping[str, Any]]
+"""Label, look and parameters."""
+
 REFERENCE, LIMIT = "Reference", "Limit"
 
 TIME_AXES = ("Time [s]", "Step")
@@ -39,6 +42,14 @@ MAX_JITTER = 0.25
 """Largest standard deviation of the periods of a limit cycle, as a fraction of their mean."""
 MIN_SWING = 0.1
 """Of a limit cycle, as a fraction of the range of its trace."""
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A sustained oscillation: its period in samples, and for people to read."""
+
+    samples: int
+    period: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +70,6 @@ class Loop:
 def main(argv: Sequence[str] | None = None) -> int:
     """Draw closed loops, or film one before and after tuning; return the exit code."""
     parser = cli.parser("trajectories", "Closed loops (Figs. 5 and 6).", "figures", *cli.OPTIONS)
-    parser.add_argument("--task", help="default: the only one there is")
     parser.add_argument("--seed", type=int, help="default: the seed of median cost of each tuner")
     parser.add_argument(
         "--animate",
@@ -88,11 +98,9 @@ def loops_of(task: Task, runs: Sequence[Run]) -> list[Loop]:
     """Drive the tuned controller of each run through the demonstration."""
     methods = [run.method for run in runs]
     labels, looks = method_labels(methods, tuner_names(runs)), style.looks(methods)
-    segments = replay.demonstrate(task, [run.outcome["parameters"] for run in runs])
-    return [
-        Loop(labels[run.method], looks[run.method], segment, task.traces(segment))
-        for run, segment in zip(runs, segments, strict=True)
-    ]
+    return _driven(
+        task, [(labels[r.method], looks[r.method], r.outcome["parameters"]) for r in runs]
+    )
 
 
 def before_and_after(task: Task, run: Run, compared: Before | None = None) -> list[Loop]:
@@ -104,14 +112,17 @@ def before_and_after(task: Task, run: Run, compared: Before | None = None) -> li
         compared: What was before; default: its baseline values, or else where it began.
     """
     compared = compared or before(run)
-    controllers: dict[str, Mapping[str, Any]] = {"After": run.outcome["parameters"]}
+    controllers: list[Controller] = [("After", style.AFTER, run.outcome["parameters"])]
     if compared is not None and compared.parameters is not None and run.tuned:
-        controllers = {"Before": compared.parameters, **controllers}
-    looks = {"Before": style.BEFORE, "After": style.AFTER}
-    segments = replay.demonstrate(task, list(controllers.values()))
+        controllers.insert(0, ("Before", style.BEFORE, compared.parameters))
+    return _driven(task, controllers)
+
+
+def _driven(task: Task, controllers: Sequence[Controller]) -> list[Loop]:
+    segments = replay.demonstrate(task, [parameters for *_, parameters in controllers])
     return [
-        Loop(name, looks[name], segment, task.traces(segment))
-        for name, segment in zip(controllers, segments, strict=True)
+        Loop(label, look, segment, task.traces(segment))
+        for (label, look, _), segment in zip(controllers, segments, strict=True)
     ]
 
 
@@ -172,14 +183,6 @@ def shade(axes: Axes, line: Line2D, trace: Trace, cycle: Cycle, several: bool = 
     if several:
         line.set_ydata(high)
         axes.plot(x, low, color=line.get_color(), ls=line.get_linestyle(), lw=0.8, zorder=1.5)
-
-
-@dataclass(frozen=True)
-class Cycle:
-    """A sustained oscillation: its period in samples, and for people to read."""
-
-    samples: int
-    period: str
 
 
 def limit_cycle(traces: Sequence[Trace]) -> Cycle | None:

@@ -1,7 +1,5 @@
 """What a tuned controller is compared with."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

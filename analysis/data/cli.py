@@ -1,7 +1,5 @@
 """Options, error messages and output files that the commands of this package have in common."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 import textwrap
@@ -27,7 +25,6 @@ def folder(text: str) -> Path:
 
 
 def _whole(least: int, text: str) -> int:
-    """Parse a whole number of at least `least`."""
     if not text.isdecimal() or int(text) < least:
         raise argparse.ArgumentTypeError(
             f"expected a whole number of at least {least}, got {text!r}"
@@ -59,6 +56,7 @@ def formats(text: str) -> list[str]:
 
 
 OPTIONS: dict[str, dict[str, Any]] = {
+    "--task": {"help": "default: the only one there is"},
     "--variant": {
         "metavar": "NAME",
         "help": f"use only runs of this variant; {WITHOUT_VARIANT}: only runs without a variant",
@@ -75,7 +73,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "help": "default: all three",
     },
 }
-"""Options that several commands have."""
+"""Options that several commands have; those that drive controllers of one task have all."""
 
 
 def parser(module: str, summary: str, out: str, *options: str) -> argparse.ArgumentParser:
@@ -131,11 +129,6 @@ def load_runs(options: argparse.Namespace, *, episodes: bool = True) -> Collecti
     return collection
 
 
-def of_variant(collection: Collection, options: argparse.Namespace) -> Collection:
-    """Return the runs of the variant that the options name, or all."""
-    return collection if options.variant is None else collection.of_variant(options.variant)
-
-
 def load_one_task(options: argparse.Namespace) -> Collection:
     """Load the runs of `options.task`, by default the only task, and of `options.variant`.
 
@@ -145,7 +138,7 @@ def load_one_task(options: argparse.Namespace) -> Collection:
     """
     collection = load_runs(options)
     found = {run.method.task for run in collection.some_finished()}
-    return of_variant(collection.of_task(options.task or only_task(found)), options)
+    return collection.of_task(options.task or only_task(found)).of_variant(options.variant)
 
 
 def only_task(found: set[str]) -> str:

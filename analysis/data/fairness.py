@@ -1,7 +1,5 @@
 """Checks that runs may be averaged or compared; the errors name the keys that differ."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -35,7 +33,7 @@ def refuse_mixed(runs: Sequence[Run]) -> None:
     Raises:
         RunFolderError: If they do; the message names each key, its values and their seeds.
     """
-    mixed = _differences([(f"seed {run.seed}", _without(_settings(run), "seed")) for run in runs])
+    mixed = _differences([(f"seed {run.seed}", _settings(run, "seed")) for run in runs])
     if mixed:
         raise RunFolderError(
             f"the runs of {runs[0].method} differ in their configuration and do not go together:"
@@ -58,15 +56,13 @@ def refuse_unequal(runs: Sequence[Run], *, any_budget: bool = False) -> None:
     """
     several = len({run.method.task for run in runs}) > 1
     ignored = ("seed", "fidelity", *OF_TUNER, *(["task", "code"] if several else []))
-    named = [(str(run.method), _without(_settings(run), *ignored)) for run in runs]
-    mixed = _differences([(name, _without(config, *WITHOUT_TUNING)) for name, config in named])
-    mixed += _differences(
-        [
-            (name, {key: config.get(key) for key in WITHOUT_TUNING})
-            for run, (name, config) in zip(runs, named, strict=True)
-            if run.tuned and not any_budget
-        ]
-    )
+    named = [(str(run.method), _settings(run, *ignored, *WITHOUT_TUNING)) for run in runs]
+    budgets = [
+        (str(run.method), {key: run.config.get(key) for key in WITHOUT_TUNING})
+        for run in runs
+        if run.tuned and not any_budget
+    ]
+    mixed = _differences(named) + _differences(budgets)
     if mixed:
         terms = "" if any_budget else " under the same budget"
         told = variants(run for run in runs if run.tuned)
@@ -76,28 +72,21 @@ def refuse_unequal(runs: Sequence[Run], *, any_budget: bool = False) -> None:
         )
 
 
-def _settings(run: Run) -> dict[str, Any]:
-    """Return the configuration without what stands in it twice: the task's solver."""
-    return _without(run.config, "mpc_solver")
-
-
-def _without(config: Mapping[str, Any], *keys: str) -> dict[str, Any]:
-    return {key: value for key, value in config.items() if key not in keys}
+def _settings(run: Run, *ignored: str) -> dict[str, Any]:
+    """Return the configuration without some keys, and without the solver: the task names it too."""
+    return {k: v for k, v in run.config.items() if k not in (*ignored, "mpc_solver")}
 
 
 def _differences(configs: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
     """Return one line per differing key with its values and the owners of each value."""
-    if not configs:
-        return ""
     changes = [(name, differing_keys(configs[0][1], config)) for name, config in configs]
     reference = {key: pair[0] for _, change in changes for key, pair in change.items()}
     lines = []
     for key, first in sorted(reference.items()):
         owners: dict[str, list[str]] = {}
         for name, change in changes:
-            names = owners.setdefault(str(change.get(key, (first, first))[1]), [])
-            if name not in names:
-                names.append(name)
-        shown = "; ".join(f"{value} in {', '.join(names)}" for value, names in owners.items())
+            _, value = change.get(key, (first, first))
+            owners.setdefault(str(value), []).append(name)
+        shown = "; ".join(f"{v} in {', '.join(dict.fromkeys(o))}" for v, o in owners.items())
         lines.append(f"\n  {key}: {shown}")
     return "".join(lines)

@@ -1,7 +1,5 @@
 """Runs as pandas frames."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 

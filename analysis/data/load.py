@@ -1,7 +1,5 @@
 """Read run folders. The files identify a run; the name of its folder does not matter."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Costs of a run's parameters on other plants, and around the parameters themselves."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -14,6 +12,7 @@ import numpy as np
 
 from zoac.analysis.data import replay
 from zoac.analysis.data.frames import numbers
+from zoac.analysis.data.load import IDENTITY
 from zoac.analysis.data.runs import Run
 from zoac.core.errors import ConfigError, RunFolderError, suggest
 from zoac.core.seeding import stream
@@ -85,7 +84,9 @@ def vary(
     task = replay.rebuild(run)
     rng = stream(0, "robustness")
     drawn = {name: _drawn(run, task, name, bounds, plants, rng) for name, bounds in ranges.items()}
-    points = _points(run, task)
+    points = {TUNED: task.space.normalise(run.outcome["parameters"])}
+    if task.baseline is not None:
+        points[BASELINE] = task.space.normalise(task.baseline)
     print(f"rolling out {(plants + 1) * len(points) * episodes} episodes", file=sys.stderr)
     seed, x = int(run.config["evaluation"]["seed"]), np.stack(list(points.values()))
     rows = [replay.costs(task, x, episodes, seed)]
@@ -164,14 +165,6 @@ def _numbers(node: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
     return found
 
 
-def _points(run: Run, task: Task) -> dict[str, np.ndarray]:
-    """Return the normalised parameters of each controller that is compared."""
-    points = {TUNED: task.space.normalise(run.outcome["parameters"])}
-    if task.baseline is not None:
-        points[BASELINE] = task.space.normalise(task.baseline)
-    return points
-
-
 def sensitivity(run: Run, episodes: int) -> list[Sensitivity]:
     """Return how the mean cost changes along each coordinate around a run's parameters.
 
@@ -193,10 +186,6 @@ def sensitivity(run: Run, episodes: int) -> list[Sensitivity]:
             task.space.coordinates, means.T, errors.max(axis=0), strict=True
         )
     ]
-
-
-IDENTITY = ("task", "tuner", "seed", "variant", "config_hash")
-"""What tells whose robustness it is."""
 
 
 def as_json(run: Run, varied: Variation | None, around: Sequence[Sensitivity]) -> str:

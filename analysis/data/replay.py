@@ -6,6 +6,7 @@ Only this module of the package steps environments.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -40,13 +41,9 @@ def demonstrate(task: Task, controllers: Sequence[Mapping[str, float]]) -> list[
     """Return the task's demonstration episode under each of the named parameter sets."""
     indices, shown = range(len(controllers)), copy(task)
     shown.make_env = lambda n: _demonstrating(task.make_env(n))  # type: ignore[method-assign]
-    group = RolloutEngine(shown, indices, [0] * len(controllers))
-    try:
-        return group.rollout(
-            [Proposal(task.space.normalise(controllers[k]), env_index=k) for k in indices]
-        )
-    finally:
-        group.close()
+    proposals = [Proposal(task.space.normalise(controllers[k]), env_index=k) for k in indices]
+    with closing(RolloutEngine(shown, indices, [0] * len(controllers))) as group:
+        return group.rollout(proposals)
 
 
 def settled(task: Task, segments: Sequence[Segment]) -> int:
@@ -62,13 +59,9 @@ def costs(task: Task, points: np.ndarray, episodes: int, seed: int) -> np.ndarra
     """Return the cost of each normalised point (P, d) in each evaluation episode, (P, E)."""
     proposals = [p for x in points for p in evaluation_proposals(x, episodes, seed)]
     num_envs = min(MAX_ENVS, len(proposals))
-    group = RolloutEngine(task, range(num_envs), [0] * num_envs)
-    try:
-        segments = group.rollout(
-            [replace(p, env_index=k % num_envs) for k, p in enumerate(proposals)]
-        )
-    finally:
-        group.close()
+    proposals = [replace(p, env_index=k % num_envs) for k, p in enumerate(proposals)]
+    with closing(RolloutEngine(task, range(num_envs), [0] * num_envs)) as group:
+        segments = group.rollout(proposals)
     return np.reshape([s.costs.sum() for s in segments], (len(points), episodes))
 
 

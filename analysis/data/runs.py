@@ -1,13 +1,11 @@
 """Runs and collections of runs, read from their folders."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -159,7 +157,7 @@ class Collection:
             )
         return self.finished
 
-    def of_task(self, *tasks: str) -> Collection:
+    def of_task(self, *tasks: str) -> Self:
         """Return the runs of the named tasks, with every skipped folder.
 
         Raises:
@@ -169,9 +167,9 @@ class Collection:
         if not runs:
             known = {run.method.task for run in self.runs}
             raise RunFolderError(f"no run of task {tasks[0]!r}; {suggest(tasks[0], known)}")
-        return Collection(runs, self.skipped)
+        return replace(self, runs=runs)
 
-    def of_rows(self, rows: Sequence[str]) -> Collection:
+    def of_rows(self, rows: Sequence[str]) -> Self:
         """Return the runs of the named rows (see `Method.row`), with every skipped folder.
 
         Raises:
@@ -181,22 +179,24 @@ class Collection:
         for row in rows:
             if row not in known:
                 raise RunFolderError(f"no run of tuner {row!r}; {suggest(row, known)}")
-        return Collection(tuple(r for r in self.runs if r.method.row in rows), self.skipped)
+        return replace(self, runs=tuple(r for r in self.runs if r.method.row in rows))
 
-    def of_variant(self, variant: str) -> Collection:
+    def of_variant(self, variant: str | None) -> Self:
         """Return the runs of the named variant, and untuned ones, with every skipped folder.
 
         Args:
-            variant: Its name; `WITHOUT_VARIANT`: runs that have none.
+            variant: Its name; `WITHOUT_VARIANT`: runs that have none; None: all runs.
 
         Raises:
             RunFolderError: If there is none.
         """
+        if variant is None:
+            return self
         known = variants(self.runs)
         if variant not in known:
             raise RunFolderError(f"no run of variant {variant!r}; {suggest(variant, known)}")
         runs = (r for r in self.runs if _variant(r) == variant or (r.result and not r.tuned))
-        return Collection(tuple(runs), self.skipped)
+        return replace(self, runs=tuple(runs))
 
 
 WITHOUT_VARIANT = "none"

@@ -1,7 +1,5 @@
 """Choose the runs that represent their methods in figures of single runs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from zoac.analysis.data.fairness import unmixed

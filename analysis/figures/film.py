@@ -1,7 +1,5 @@
 """A film of the closed loop, before tuning beside after it."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from collections.abc import Iterable, Iterator, Sequence
@@ -48,7 +46,7 @@ def write(path: Path, run: Run) -> None:
     task = replay.rebuild(run)
     segments = replay.demonstrate(task, [first, run.outcome["parameters"]])
     titles = ("Before tuning", f"After {run.outcome['env_steps']:,} steps")
-    with cli.writing(path), style.screen():
+    with cli.writing(path), style.drawing(style.SCREEN):
         (_write_gif if path.suffix == ".gif" else _write_mp4)(path, frames(task, segments, titles))
 
 

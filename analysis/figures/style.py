@@ -110,7 +110,7 @@ _SHARED: dict[str, Any] = {
     "lines.markersize": 3.2,
     "legend.frameon": False,
 }
-_PAPER = {
+PAPER = {
     **_SHARED,
     "font.family": "STIXGeneral",
     "mathtext.fontset": "stix",
@@ -121,6 +121,8 @@ _PAPER = {
     "ytick.labelsize": 7,
     "legend.fontsize": 7,
 }
+"""Settings of matplotlib for figures in print."""
+
 SCREEN = {
     **_SHARED,
     # Text stays text: small files, and the reader's own fonts.
@@ -143,17 +145,8 @@ _METADATA: dict[str, dict[str, Any]] = {
 }
 
 
-def paper() -> AbstractContextManager[None]:
-    """Draw and save figures for print, whatever the user's own matplotlib settings."""
-    return _drawing(_PAPER)
-
-
-def screen() -> AbstractContextManager[None]:
-    """Draw and save figures for the report, likewise."""
-    return _drawing(SCREEN)
-
-
-def _drawing(settings: Any) -> AbstractContextManager[None]:
+def drawing(settings: Any) -> AbstractContextManager[None]:
+    """Draw and save figures with `PAPER` or `SCREEN`, whatever the user's matplotlib settings."""
     import matplotlib as mpl
 
     return mpl.rc_context({**mpl.rcParamsDefault, "backend": "agg", **settings})
@@ -259,7 +252,7 @@ def image(figure: Figure, kind: str, salt: str = "zoac") -> bytes:
 
 def save(draw: Callable[[], Figure], options: argparse.Namespace, name: str) -> None:
     """Draw a figure for print; write it into `options.out` in each format of `options.format`."""
-    with paper():
+    with drawing(PAPER):
         figure = draw()
         for kind in options.format:
             cli.write(options.out / f"{name}.{kind}", image(figure, kind))

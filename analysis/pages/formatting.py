@@ -1,7 +1,5 @@
 """Numbers as a table prints them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
@@ -55,15 +53,16 @@ def plus_minus(value: MeanStd | None) -> str:
     """Return "41.7 ± 3.8" or "(2.9 ± 1.4)e-4", as the paper prints; no ± for one seed."""
     if value is None:
         return NOTHING
-    exponent = _exponent(value.mean)
-    scale = 10.0**exponent
-    if not math.isfinite(value.std):
-        return f"{value.mean / scale:.{1 if exponent else 2}f}" + (
-            f"e{exponent}" if exponent else ""
-        )
-    digits = 1 if exponent else _digits(value.mean)
-    both = f"{value.mean / scale:.{digits}f} ± {value.std / scale:.{digits}f}"
-    return f"({both})e{exponent}" if exponent else both
+    if value.mean == 0 or 1e-2 <= abs(value.mean) < 1e4:
+        if not math.isfinite(value.std):
+            return f"{value.mean:.2f}"
+        digits = _digits(value.mean)
+        return f"{value.mean:.{digits}f} ± {value.std:.{digits}f}"
+    exponent = math.floor(math.log10(abs(value.mean)))
+    mean, std = value.mean / 10.0**exponent, value.std / 10.0**exponent
+    return (
+        f"({mean:.1f} ± {std:.1f})e{exponent}" if math.isfinite(std) else f"{mean:.1f}e{exponent}"
+    )
 
 
 def pipes(lines: Sequence[Sequence[str]]) -> str:
@@ -77,13 +76,6 @@ def without_empty_columns(lines: Sequence[Sequence[str]]) -> list[list[str]]:
     """Return header and rows less the columns in which no row has anything."""
     columns = [c for c in zip(*lines, strict=True) if any(cell != NOTHING for cell in c[1:])]
     return [list(line) for line in zip(*columns, strict=True)]
-
-
-def _exponent(value: float) -> int:
-    """Return the power of ten to take out, as the paper does for small and large numbers."""
-    if value == 0 or 1e-2 <= abs(value) < 1e4:
-        return 0
-    return math.floor(math.log10(abs(value)))
 
 
 def _digits(value: float) -> int:

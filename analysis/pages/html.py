@@ -15,23 +15,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_CSS = "page.css"
 
-
-def page(title: str, above: str, sections: Sequence[str]) -> str:
-    """Return a whole document.
-
-    Args:
-        title: Its heading.
-        above: A line over the heading, in small letters.
-        sections: What stands below.
-    """
-    css = files(__package__).joinpath(_CSS).read_text(encoding="utf-8")
+def page(title: str, sections: Sequence[str]) -> str:
+    """Return a whole document: a heading and what stands below."""
+    css = files(__package__).joinpath("page.css").read_text(encoding="utf-8")
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n<style>\n{css}</style>\n</head>\n<body>\n<main>\n"
-        f"<h1><small>{escape(above)}</small>{escape(title)}</h1>\n"
+        f"<h1><small>Tuning report</small>{escape(title)}</h1>\n"
         + "\n".join(filter(None, sections))
         + "\n<footer>Made by zoac.analysis.report from the files of the runs.</footer>\n"
         "</main>\n</body>\n</html>\n"
@@ -50,7 +42,7 @@ def part(title: str, *body: str) -> str:
 
 def paragraph(text: str, css: str = "") -> str:
     """Return a paragraph."""
-    return f'<p class="{css}">{text}</p>\n' if css else f"<p>{text}</p>\n"
+    return f"<p{_class(css)}>{text}</p>\n"
 
 
 def bullets(items: Sequence[str], css: str = "") -> str:
@@ -71,12 +63,10 @@ def table(lines: Sequence[Sequence[str]], css: Sequence[str] = (), wide: Sequenc
     """
     header = lines[0]
     head = "".join(f"<th>{cell}</th>" for cell in header)
-    marks = [f' class="{name}"' if name else "" for name in css] or [""] * len(lines[1:])
-    body = "".join(
-        f"<tr{mark}>{''.join(_cell(c, h, h in wide) for c, h in zip(row, header, strict=True))}"
-        "</tr>\n"
-        for mark, row in zip(marks, lines[1:], strict=True)
-    )
+    body = ""
+    for name, row in zip(css or [""] * len(lines[1:]), lines[1:], strict=True):
+        cells = "".join(_cell(c, h, h in wide) for c, h in zip(row, header, strict=True))
+        body += f"<tr{_class(name)}>{cells}</tr>\n"
     return (
         f'<div class="scroll"><table>\n<thead><tr>{head}</tr></thead>\n'
         f"<tbody>\n{body}</tbody>\n</table></div>\n"
@@ -85,9 +75,12 @@ def table(lines: Sequence[Sequence[str]], css: Sequence[str] = (), wide: Sequenc
 
 def _cell(cell: str, column: str, wide: bool) -> str:
     css = "none" if cell in ("", NOTHING) else "wide" if wide else ""
-    css = f' class="{css}"' if css else ""
     label = f' data-label="{column}"' if column else ""
-    return f"<td{css}{label}>{cell}</td>"
+    return f"<td{_class(css)}{label}>{cell}</td>"
+
+
+def _class(name: str) -> str:
+    return f' class="{name}"' if name else ""
 
 
 def verdict(text: str, met: bool | None) -> str:
@@ -127,7 +120,7 @@ def tiles(values: Sequence[tuple[str, str]]) -> str:
 def fractions(parts: Sequence[tuple[str, float]]) -> str:
     """Return a bar divided into fractions of the total, with a legend; parts of 0 are left out."""
     parts = [(name, value) for name, value in parts if value > 0]
-    total = sum(value for _, value in parts) or 1.0
+    total = sum(value for _, value in parts)
     colours = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#c4ccd4")
     bar, legend = "", ""
     for (name, value), colour in zip(parts, colours, strict=False):
@@ -182,9 +175,8 @@ def picture(made: Figure, name: str, label: str, caption: str = "", columns: int
     svg = svg[svg.index("<svg") :]
     # Groups are numbered alike in every picture, and nothing refers to them.
     svg = re.sub(r'<g id="[^"]*"', "<g", svg)
-    # The width comes from the page, not from the file.
-    svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", svg, count=1)
-    svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", svg, count=1)
+    # The size comes from the page, not from the file.
+    svg = re.sub(r' (?:width|height)="[^"]*"', "", svg, count=2)
     svg = svg.replace("<svg", f'<svg role="img" aria-label="{escape(label)}"', 1)
     text = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
     return f"<figure>{svg}{text}</figure>\n"

@@ -8,18 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from zoac.analysis import trajectories
 from zoac.analysis.data import replay
 from zoac.analysis.data.baseline import Before
 from zoac.analysis.data.runs import Run
 from zoac.analysis.pages import html
 from zoac.analysis.pages.formatting import NOTHING, significant
-from zoac.analysis.trajectories import (
-    TIME_AXES,
-    before_and_after,
-    draw_panel,
-    limit_cycle,
-    shade,
-)
 from zoac.core.errors import RunFolderError
 from zoac.core.measures import Trace
 from zoac.runs import responses, schema
@@ -49,9 +43,9 @@ def recorded(run: Run) -> tuple[str, str]:
     for name in (n for n in table.columns[2:] if n not in references.values()):
         figure, axes = html.figure()
         responses.draw(axes, table, name, specs)
-        _mark_limit_cycles(axes, table, name, bool(signals.get("sample_time")))
+        axes.set_xlabel(trajectories.TIME_AXES[0 if signals.get("sample_time") else 1])
         axes.set_ylabel(f"{name} [{units[name]}]" if units.get(name) else name)
-        axes.set_xlabel("Time [s]" if signals.get("sample_time") else "Step")
+        _mark_limit_cycles(axes, table, name)
         label = f"{name} over time"
         pictures.append(html.picture(figure, f"{run.folder} signal {name}", label, columns=4))
     note = f"{responses.title(run.outcome)}."
@@ -61,14 +55,14 @@ def recorded(run: Run) -> tuple[str, str]:
     return response, _steps(table, references, specs, units) if signals.get("sample_time") else ""
 
 
-def _mark_limit_cycles(axes: Axes, table: pd.DataFrame, name: str, timed: bool) -> None:
+def _mark_limit_cycles(axes: Axes, table: pd.DataFrame, name: str) -> None:
     """Shade what a signal in a limit cycle swings between."""
     lines = {str(line.get_label()): line for line in axes.get_lines()}
     for which, part in table.groupby("parameters", sort=False):
         time, values = (part[column].to_numpy(float) for column in ("time", name))
-        trace = Trace(name, time, values, TIME_AXES[0] if timed else TIME_AXES[1])
-        if (cycle := limit_cycle([trace])) is not None:
-            shade(axes, lines[responses.LOOKS[str(which)][0]], trace, cycle)
+        trace = Trace(name, time, values, axes.get_xlabel())
+        if (cycle := trajectories.limit_cycle([trace])) is not None:
+            trajectories.shade(axes, lines[responses.LOOKS[str(which)][0]], trace, cycle)
 
 
 def _steps(
@@ -121,13 +115,10 @@ def _step_table(
     lines = [[f"Step of {escape(reference)}, seen in {escape(name)}", "Before", "After"]]
     for label, figure, factor in rows:
         values = {which: factor * figure(*step) for which, step in steps.items()}
-        cells = [_or_never(values[w]) if w in values else NOTHING for w in ("baseline", "tuned")]
+        shown = {w: significant(v) if np.isfinite(v) else "never" for w, v in values.items()}
+        cells = [shown.get(which, NOTHING) for which in ("baseline", "tuned")]
         lines.append([escape(label), *cells])
     return html.table(lines)
-
-
-def _or_never(value: float) -> str:
-    return significant(value) if np.isfinite(value) else "never"
 
 
 def closed_loop(run: Run, compared: Before | None) -> str:
@@ -138,12 +129,12 @@ def closed_loop(run: Run, compared: Before | None) -> str:
         task = replay.rebuild(run)
     except RunFolderError as error:
         return html.paragraph(escape(str(error)), "muted")
-    loops = before_and_after(task, run, compared)
+    loops = trajectories.before_and_after(task, run, compared)
     pictures = []
     last = replay.settled(task, [loops[-1].segment])
     for k, trace in enumerate(loops[-1].traces):
         figure, axes = html.figure()
-        draw_panel(axes, loops, k, last)
+        trajectories.draw_panel(axes, loops, k, last)
         left = _keep_in_view(axes, trace)
         caption = "The controller before tuning leaves this view." if left else ""
         name = f"{run.folder} trace {k}"

@@ -1,7 +1,5 @@
 """The part of a report that shows parameters before and after, within their bounds."""
 
-from __future__ import annotations
-
 from html import escape
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The part of a report that says how to make the run again, and on what it was made."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from collections.abc import Mapping, Sequence
@@ -40,21 +38,18 @@ def reproduce(run: Run) -> str:
 
 def _way(run: Run) -> str:
     """Return how to make the run again, with a sentence."""
-    same = "The same versions on the same processor model give the same numbers."
+    told = "The same versions on the same processor model give the same numbers."
     if "study" in run.identity:
-        told = "Its experiments were made outside zoac; costs told alike give the same proposals."
         text = _command(run) or _script(run)
-        return html.code(text) + html.paragraph(told, "muted") if text else ""
-    if text := _command(run):
-        return html.code(text) + html.paragraph(same, "muted")
-    if text := _program(run):
-        return html.paragraph(f"In Python, where this report was made. {same}", "muted") + (
-            html.code(text)
-        )
-    if text := _script(run):
-        told = f"The script that made the run, where it was called. {same}"
-        return html.code(text) + html.paragraph(told, "muted")
-    return ""
+        told = "Its experiments were made outside zoac; costs told alike give the same proposals."
+    elif text := _command(run):
+        pass
+    elif text := _program(run):
+        told = f"In Python, where this report was made. {told}"
+    else:
+        text = _script(run)
+        told = f"The script that made the run, where it was called. {told}"
+    return html.code(text) + html.paragraph(told, "muted") if text else ""
 
 
 def _script(run: Run) -> str:
@@ -69,7 +64,8 @@ def _command(run: Run) -> str:
     """Return the command of a run of the command line; nothing for another, or if unknown."""
     words = run.identity.get("command")
     by_name = TARGET in run.config["task"] or "study" in run.identity
-    if not by_name or (words and not _of_command_line(words[0])):
+    programs = ("zoac/run/__main__.py", "zoac run", "zoac.run")
+    if not by_name or (words and not words[0].endswith(programs)):
         return ""
     arguments = words[1:] if words else ["-m"]
     if {"-m", "--multirun"} & set(arguments):  # of all runs of a sweep, not of this one
@@ -79,10 +75,6 @@ def _command(run: Run) -> str:
             return ""
     kept = [word for word in arguments if not word.startswith("runs_dir=")]
     return f"python -m zoac.run {shlex.join([*kept, f'runs_dir={AGAIN}'])}"
-
-
-def _of_command_line(program: str) -> bool:
-    return program.endswith(("zoac/run/__main__.py", "zoac run")) or program == "zoac.run"
 
 
 def _overrides(run: Run) -> list[str]:
@@ -141,16 +133,13 @@ def _program(run: Run) -> str:
         imports = "from zoac.runs.result import task_of_run\n"
     elif run.method.task not in choices("task"):
         return ""
-    given = {"tuner": run.method.tuner, "seed": run.seed, "budget": config["budget"]}
-    given |= {"eval_every": config["eval_every"]}
-    given |= {k: config["evaluation"][k] for k in ("episodes", "final_episodes")}
-    given |= {
-        f.name: config[f.name]
-        for f in fields(Settings)
-        if f.name in config
-        and f.name not in (*given, "evaluation", "checkpoint_seconds")
-        and config[f.name] != f.default
-    }
+    given = {"tuner": run.method.tuner, "seed": run.seed}
+    given |= {key: config[key] for key in ("budget", "eval_every")}
+    given |= {key: config["evaluation"][key] for key in ("episodes", "final_episodes")}
+    for setting in fields(Settings):
+        value = config.get(setting.name, setting.default)
+        if setting.name not in ("evaluation", "checkpoint_seconds") and value != setting.default:
+            given.setdefault(setting.name, value)
     lines = "".join(f"    {name}={value!r},\n" for name, value in given.items())
     return (
         f"import json\nfrom pathlib import Path\n\nimport zoac\n{imports}\n"

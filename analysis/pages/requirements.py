@@ -1,7 +1,5 @@
 """The part of a report that shows what was required: a green or red row per spec and constraint."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from html import escape
@@ -19,14 +17,17 @@ TIMES = ("settling_time", "rise_time")
 def requirements(run: Run) -> str:
     """Return a table of specs and constraints, before and after; or nothing."""
     episodes = len(run.costs)
-    rows = [
-        *(_spec(restored(row), episodes) for row in run.outcome.get("specs", [])),
-        *_constraints(run),
-    ]
-    if not rows:
+    lines, css = [["Requirement", "Limit", "Before", "After"]], []
+    for row in map(restored, run.outcome.get("specs", [])):
+        lines.append(_spec(row, episodes))
+        css.append({True: "met", False: "unmet", None: ""}[row["met"]])
+    old = (run.outcome.get("baseline") or {}).get("violations_by_constraint", {})
+    for name, broken in run.outcome.get("violations_by_constraint", {}).items():
+        before = _broken(old[name], episodes) if name in old else NOTHING
+        lines.append([escape(name), "at every step", before, _broken(broken, episodes)])
+        css.append("unmet" if broken["episodes"] else "met")
+    if not css:
         return ""
-    lines = [["Requirement", "Limit", "Before", "After"], *(cells for cells, _ in rows)]
-    css = [{True: "met", False: "unmet", None: ""}[met] for _, met in rows]
     return html.table(without_empty_columns(lines), css)
 
 
@@ -37,7 +38,7 @@ def verdicts(run: Run) -> list[bool]:
     return [*specs, *(not found["episodes"] for found in broken)]
 
 
-def _spec(row: Mapping[str, Any], episodes: int) -> tuple[list[str], bool | None]:
+def _spec(row: Mapping[str, Any], episodes: int) -> list[str]:
     after = html.verdict(_value(row, row["value"]), row["met"])
     if row["met"] is False and episodes > 1:
         after += f", broken in {row['broken']} of {episodes} episodes"
@@ -45,29 +46,11 @@ def _spec(row: Mapping[str, Any], episodes: int) -> tuple[list[str], bool | None
     if row["baseline"] is not None:
         before = html.verdict(_value(row, row["baseline"]), row["baseline_met"])
     limit = escape((row["limit"] or "minimised").replace("<=", "≤").replace(">=", "≥"))
-    return [escape(row["spec"]), limit, before, after], row["met"]
+    return [escape(row["spec"]), limit, before, after]
 
 
 def _value(row: Mapping[str, Any], value: float) -> str:
     return "never" if row["figure"] in TIMES and math.isinf(value) else significant(value)
-
-
-def _constraints(run: Run) -> list[tuple[list[str], bool | None]]:
-    found = run.outcome.get("violations_by_constraint", {})
-    old = (run.outcome.get("baseline") or {}).get("violations_by_constraint", {})
-    episodes = len(run.costs)
-    return [
-        (
-            [
-                escape(name),
-                "at every step",
-                _broken(old[name], episodes) if name in old else NOTHING,
-                _broken(broken, episodes),
-            ],
-            not broken["episodes"],
-        )
-        for name, broken in found.items()
-    ]
 
 
 def _broken(found: Mapping[str, Any], episodes: int) -> str:
@@ -77,6 +60,5 @@ def _broken(found: Mapping[str, Any], episodes: int) -> str:
         return html.verdict("kept", True)
     # What is not finite was written as null.
     worst = math.inf if found["worst"] is None else found["worst"]
-    return html.verdict(
-        f"broken in {count} of {episodes} episodes, by up to {significant(worst)}", False
-    )
+    told = f"broken in {count} of {episodes} episodes, by up to {significant(worst)}"
+    return html.verdict(told, False)

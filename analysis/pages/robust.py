@@ -1,7 +1,5 @@
 """The part of a report on robustness and sensitivity, where `robustness` was run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path

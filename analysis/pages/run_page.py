@@ -1,7 +1,5 @@
 """The part of a report that shows one run: what tuning changed, and how it went."""
 
-from __future__ import annotations
-
 from html import escape
 
 import numpy as np
@@ -50,12 +48,6 @@ def details(run: Run, reference: Run | None, replays: bool, more: str = "") -> s
     )
 
 
-def title(run: Run, label: str, siblings: int) -> str:
-    """Return the heading of a run, of whose method there are `siblings` seeds; it is the median."""
-    which = f", the median of {siblings} by cost" if siblings > 1 else ""
-    return f"{label}, seed {run.seed}{which}"
-
-
 def _unit(run: Run, count: int) -> str:
     """Return what evaluation episodes, or experiments, are called."""
     word = "experiment" if "study" in run.identity else "evaluation episode"
@@ -66,13 +58,11 @@ def _verdict(run: Run, compared: Before | None) -> str:
     costs = run.costs
     found = verdicts(run)
     text = ""
-    if found:
-        met, css = sum(found), "met" if all(found) else "unmet"
-        all_met = (
-            f"All {len(found)} requirements are met." if len(found) > 1 else "Requirement met."
-        )
-        told = all_met if all(found) else f"{met} of {len(found)} requirements are met."
-        text = f'<b class="{css}">{told}</b> '
+    if found and not all(found):
+        text = f'<b class="unmet">{sum(found)} of {len(found)} requirements are met.</b> '
+    elif found:
+        many = f"All {len(found)} requirements are met." if len(found) > 1 else "Requirement met."
+        text = f'<b class="met">{many}</b> '
     if not np.isfinite(costs).all():
         return f"{text}The final cost is not finite."
     text += f"Cost <b>{significant(float(costs.mean()))}</b> in {_unit(run, len(costs))}"
@@ -160,20 +150,16 @@ def _learning_curves(run: Run, compared: Before | None) -> list[str]:
 def _health(run: Run) -> str:
     result = run.outcome
     wall = float(result["wall_seconds"])
-    named = [
-        (name, float(result.get(f"{name}_seconds", 0.0)))
-        for name in ("tuner", "evaluation", "checkpoint")
-    ]
+    parts = ("tuner", "evaluation", "checkpoint")
+    named = [(name, float(result.get(f"{name}_seconds", 0.0))) for name in parts]
     rest = max(0.0, wall - sum(value for _, value in named))
     study = "study" in run.identity
     text = "" if study else html.fractions([("rollouts and other work", rest), *named])
     items = []
     if result.get("compute_seconds") is not None:
         items.append(f"compute time over all processes {_duration(result['compute_seconds'])}")
-    if result.get("solver_seconds"):
-        items.append(
-            f"time in the solver {_duration(result['solver_seconds'])}, summed over environments"
-        )
+    if seconds := result.get("solver_seconds"):
+        items.append(f"time in the solver {_duration(seconds)}, summed over environments")
     if result.get("solver_failures"):
         items.append(f"solver failures: {result['solver_failures']}, evaluation included")
     if "tuning_terminations" in result:

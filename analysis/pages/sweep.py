@@ -111,19 +111,18 @@ def _curves(collection: Collection, task: str, baselines: Mapping[Run, Before]) 
         figure, axes = html.figure()
         looks, labels = style.looks(methods), method_labels(methods, panel.names)
         draw_panel(axes, panel, looks, labels, "env_steps")
+        cost = _shared(baselines, panel.episodes)
         untuned = any(len(curve.x) == 1 for curve in panel.curves)
-        if panel.metric == "cost_mean" and not untuned:
+        if panel.metric == "cost_mean" and cost is not None and not untuned:
             least = min(float(np.nanmin(curve.centre)) for curve in panel.curves)
-            _draw_baseline(axes, _shared(baselines, panel.episodes), least)
+            _draw_baseline(axes, cost, least)
         name = f"{task} {panel.metric}"
         pictures.append(html.picture(figure, name, METRICS[panel.metric], columns=3))
     return pictures
 
 
-def _draw_baseline(axes: Axes, cost: float | None, least: float) -> None:
+def _draw_baseline(axes: Axes, cost: float, least: float) -> None:
     """Draw the cost of the baseline values below or above curves that are at least `least`."""
-    if cost is None:
-        return
     look = style.NOMINAL
     axes.axhline(cost, color=look.colour, ls=look.dashes, lw=1.2, label="Baseline values")
     lowest = min(cost, least)

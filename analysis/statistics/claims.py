@@ -1,7 +1,5 @@
 """Claims about pairs of methods that the data support."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations

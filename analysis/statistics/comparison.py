@@ -1,7 +1,5 @@
 """Methods side by side: each over its seeds, what is missing, which claims the data support."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +8,7 @@ import numpy as np
 
 from zoac.analysis.data.fairness import refuse_unequal, unmixed
 from zoac.analysis.data.runs import Collection, Method, Run
-from zoac.analysis.figures.labels import TASKS, family, method_labels, tuner_names
+from zoac.analysis.figures.labels import family, method_labels, tuner_names
 from zoac.analysis.statistics.claims import Claim, claim_stream, claims
 from zoac.analysis.statistics.intervals import (
     Interval,
@@ -47,7 +45,6 @@ class Summary:
         seeds: Seeds that count.
         missing: Seeds that other methods have and this one lacks.
         not_finite: Seeds whose cost is not finite; if there is one, nothing is averaged.
-        scores: Costs, seeds by episodes.
         intervals: `cost`, the mean; `iqm`, the interquartile mean of the seeds; `minus_nominal`,
             the mean minus that of the nominal controller, paired.
         means: Over the seeds: `cost`, `prediction_error`, `violations` (fraction of the episodes
@@ -62,7 +59,6 @@ class Summary:
     seeds: tuple[int, ...]
     missing: tuple[int, ...]
     not_finite: tuple[int, ...]
-    scores: Scores | None
     intervals: Mapping[str, Interval | None]
     means: Mapping[str, MeanStd | None]
     choices: Mapping[str, Any]
@@ -87,11 +83,6 @@ class Comparison:
     notes: tuple[str, ...]
     budget: int | None
     episodes: int
-
-    @property
-    def title(self) -> str:
-        """The task's name for people to read."""
-        return TASKS.get(self.task, self.task)
 
 
 def compare(
@@ -118,9 +109,7 @@ def compare(
     Raises:
         RunFolderError: If there is no such finished run, or runs must not be averaged or compared.
     """
-    collection = collection.of_task(*family(task))
-    if variant is not None:
-        collection = collection.of_variant(variant)
+    collection = collection.of_task(*family(task)).of_variant(variant)
     runs = [
         run for run in collection.runs if seeds is None or run.seed in seeds or _is_untuned(run)
     ]
@@ -132,14 +121,18 @@ def compare(
     rows = {m: {run.seed: reached(run, budget) for run in group} for m, group in groups.items()}
     all_rows = [row for found in rows.values() for row in found.values()]
     episodes = min(len(row["cost_per_episode"]) for row in all_rows)
-    expected = _expected(task, groups) if whole_table else set()
-    methods = _order({run.method for run in runs} | expected)
+    expected = TABLE2 if whole_table and task == TABLE2[0].task else ()
+    known_tuners = {(m.task, m.tuner) for m in groups}
+    missing = {m for m in expected if (m.task, m.tuner) not in known_tuners}
+    methods = _order({run.method for run in runs} | missing)
     labels = method_labels(methods, tuner_names(runs))
     nominal = next((m for m, group in groups.items() if _is_untuned(group[0])), None)
-    scores = {m: _scores(rows[m], groups[m][0].tuned, episodes) for m in groups}
-    reference = None
-    if nominal and (nominal_scores := scores[nominal]):
-        reference = labels[nominal], nominal_scores
+    scores = {}
+    for method, found in rows.items():
+        costs = np.stack([_costs(row)[:episodes] for row in found.values()])
+        if np.isfinite(costs).all():
+            scores[method] = Scores(costs, groups[method][0].tuned)
+    reference = (labels[nominal], scores[nominal]) if nominal in scores else None
     summaries = [
         _summary(
             method, labels[method], groups.get(method, []), rows.get(method, {}), wanted,
@@ -147,7 +140,7 @@ def compare(
         )
         for method in methods
     ]  # fmt: skip
-    known = [(s.label, s.scores) for s in summaries if s.scores is not None]
+    known = [(labels[method], scores[method]) for method in methods if method in scores]
     notes = [
         *_missing_notes(summaries),
         *_violation_notes(all_rows),
@@ -176,12 +169,6 @@ def reached(run: Run, budget: int | None = None) -> Mapping[str, Any]:
 def _costs(row: Mapping[str, Any]) -> np.ndarray:
     """Return the cost of each episode of an evaluation, (E,); NaN where none was recorded."""
     return np.array(row["cost_per_episode"], dtype=np.float64)
-
-
-def _scores(rows: Mapping[int, Mapping[str, Any]], tuned: bool, episodes: int) -> Scores | None:
-    """Return the costs of the first `episodes`, the same in all rows, if they are finite."""
-    costs = np.stack([_costs(row)[:episodes] for row in rows.values()])
-    return Scores(costs, tuned) if np.isfinite(costs).all() else None
 
 
 def _summary(
@@ -220,7 +207,6 @@ def _summary(
         seeds=tuple(rows),
         missing=tuple(s for s in wanted if s not in rows) if tuned else (),
         not_finite=tuple(s for s, r in rows.items() if not np.isfinite(_costs(r)).all()),
-        scores=scores,
         intervals={"cost": cost, "iqm": iqm, "minus_nominal": minus_nominal},
         means={
             "cost": None if scores is None else over_seeds(scores.per_seed.tolist()),
@@ -235,13 +221,6 @@ def _summary(
 
 def _is_untuned(run: Run) -> bool:
     return run.result is not None and not run.tuned
-
-
-def _expected(task: str, groups: dict[Method, list[Run]]) -> set[Method]:
-    """Return the rows of Table II for which there is no run of any variant."""
-    found = {(m.task, m.tuner) for m in groups}
-    wanted = TABLE2 if task == TABLE2[0].task else ()
-    return {m for m in wanted if (m.task, m.tuner) not in found}
 
 
 def _order(methods: set[Method]) -> list[Method]:

@@ -10,8 +10,6 @@ for n seeds. For five normal seeds, a plain 95% interval covers the true value i
 and this interval in 92%. For fewer than five seeds there is no interval.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -73,15 +71,13 @@ class Interval(NamedTuple):
     @property
     def exists(self) -> bool:
         """Whether the data are enough for an interval."""
-        return bool(np.isfinite(self.low) and np.isfinite(self.high))
+        return not np.isnan(self.low)
 
     def side(self, of: float = 0.0) -> Literal[-1, 0, 1]:
         """Return -1 or 1 if the whole interval lies below or above `of`, else 0."""
-        if self.exists and self.high < of:
+        if self.high < of:
             return -1
-        if self.exists and self.low > of:
-            return 1
-        return 0
+        return 1 if self.low > of else 0
 
 
 def mean_std(values: Sequence[float] | np.ndarray) -> MeanStd | None:

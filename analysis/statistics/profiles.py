@@ -7,8 +7,6 @@ the best that is known, and 1 is what a few random experiments give.
 Intervals are of the bootstrap over problems and, within each, over seeds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

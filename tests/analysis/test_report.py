@@ -150,7 +150,7 @@ def test_an_unfinished_run_is_named(text: str) -> None:
 
 
 def test_one_run_is_enough(tmp_path: Path) -> None:
-    text = page(write_run(tmp_path), tmp_path / "out")
+    text = page(write_run(tmp_path), tmp_path / "out", "--no-replay")
     assert "Comparison" not in text
     assert "ZOAC, seed 0" in text
     assert "<h1><small>Tuning report</small>PID-ACC</h1>" in text
@@ -264,7 +264,7 @@ def test_a_difference_stands_with_its_interval(tmp_path: Path) -> None:
     costs = [3.0, 4.0, 5.0, 6.0, 7.0]
     baseline = {"cost_mean": 7.2, "cost_per_episode": [5.0, 6.0, 7.0, 8.5, 9.5]}
     folder = write_run(tmp_path, costs=costs, result={"baseline": baseline})
-    text = page(folder, tmp_path / "out")
+    text = page(folder, tmp_path / "out", "--no-replay")
     assert re.search(r"Difference -2\.20 \[-2\.\d+, -\d\.\d+\], paired, 95%", text)
 
 
@@ -272,7 +272,8 @@ def test_a_difference_that_is_the_same_but_for_rounding_has_no_interval(tmp_path
     baseline = {"cost_mean": 0.4, "cost_per_episode": [0.4] * 5}
     costs = [0.1 + 0.2, 0.3, 0.3, 0.3, 0.3]
     folder = write_run(tmp_path, costs=costs, result={"baseline": baseline})
-    assert "Difference -0.1, the same in every episode" in page(folder, tmp_path / "out")
+    text = page(folder, tmp_path / "out", "--no-replay")
+    assert "Difference -0.1, the same in every episode" in text
 
 
 def test_no_heading_is_empty(text: str, signals: str, tmp_path: Path) -> None:

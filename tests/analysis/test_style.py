@@ -129,7 +129,7 @@ def test_legends_hold_every_label_and_lie_inside(many: Path) -> None:
     made = list(figures(many))
     assert len(made) == 7
     for name, draw in made:
-        with style.paper():
+        with style.drawing(style.PAPER):
             figure = draw()
             figure.draw_without_rendering()
             legends = [*figure.legends, *filter(None, (axes.get_legend() for axes in figure.axes))]
@@ -146,7 +146,7 @@ def test_legends_hold_every_label_and_lie_inside(many: Path) -> None:
 
 def test_lines_of_the_learning_curves_have_the_looks_of_their_legend(many: Path) -> None:
     (panel,) = curves.all_panels(load(many), metric="cost_mean")
-    with style.paper():
+    with style.drawing(style.PAPER):
         figure = curves.draw([panel], "env_steps")
     (legend,) = figure.legends
     handles = zip(legend.get_texts(), legend.legend_handles, strict=True)
@@ -159,7 +159,7 @@ def test_lines_of_the_learning_curves_have_the_looks_of_their_legend(many: Path)
 def test_many_curves_have_their_interval_at_the_end_instead_of_bands(many: Path) -> None:
     (panel,) = curves.all_panels(load(many), metric="cost_mean")
     few = curves.Panel(panel.task, panel.metric, panel.curves[:2])
-    with style.paper():
+    with style.drawing(style.PAPER):
         crowded, clear = (curves.draw([p], "env_steps").axes[0] for p in (panel, few))
     assert (len(crowded.containers), len(clear.containers)) == (7, 0)
     assert all(tick <= 1000 for tick in crowded.get_xticks())

@@ -95,8 +95,9 @@ def test_no_command_runs_what_a_folder_holds_or_names(
     command: str, foreign: Path, trace: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     module = import_module(f"zoac.analysis.{command}")
-    of_task = [] if command in {"compact", "suite"} else ["--task", "pid_acc"]
-    code = module.main([str(foreign), *of_task])
+    options = [] if command in {"compact", "suite"} else ["--task", "pid_acc"]
+    options += ["--format", "svg"] if command in {"curves", "suite"} else []
+    code = module.main([str(foreign), *options])
     assert not trace.exists()
     assert code == (1 if command in REPLAYING - {"report"} else 0)
     if code:
@@ -139,7 +140,8 @@ def test_each_command_that_replays_takes_trust_code(
 ) -> None:
     write_run(tmp_path / "runs", config={"task": {**PID, "_target_": "trap.Task"}})
     module = import_module(f"zoac.analysis.{command}")
-    assert module.main([str(tmp_path / "runs"), "--trust-code"]) == 0
+    options = [] if command == "report" else ["--format", "svg"]
+    assert module.main([str(tmp_path / "runs"), "--trust-code", *options]) == 0
     assert trace.exists()
 
 
