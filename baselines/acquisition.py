@@ -5,8 +5,6 @@ differences through scikit-learn, which takes most of the time of an ask. This m
 gradient for the library's kernel, a Matern of smoothness 5/2 with one length scale.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Literal
 

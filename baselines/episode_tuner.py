@@ -1,7 +1,5 @@
 """Base class of tuners that learn from the costs of whole episodes."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, Literal

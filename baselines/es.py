@@ -1,7 +1,5 @@
 """Evolution strategy: eq. (2) of the paper on whole episodes, with Adam."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

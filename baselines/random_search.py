@@ -1,7 +1,5 @@
 """Random points: each measured once, or the better ones again and again."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """An FMU that a configuration file names, with what is observed, applied and minimised."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 from typing import Any

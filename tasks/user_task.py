@@ -1,13 +1,11 @@
 """A user's own environment, controller and bounds, as a task."""
 
-from __future__ import annotations
-
 import copy
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import gymnasium
 import numpy as np
@@ -205,7 +203,7 @@ class UserTask(Task):
         with closing(self._one_env()) as env_once:
             return shortest_horizon_of(env_once)
 
-    def with_plant(self, plant: Mapping[str, float]) -> UserTask:
+    def with_plant(self, plant: Mapping[str, float]) -> Self:
         """Return the same task on a plant with other numbers; they no longer vary."""
         other = copy.copy(self)
         other._plant = {**self._plant, **plant}

@@ -1,7 +1,5 @@
 """Base class of tuners whose library is given the whole history before each batch."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal

@@ -1,7 +1,5 @@
 """Optuna's samplers: Bayesian optimisation that takes noise and batches into account."""
 
-from __future__ import annotations
-
 import warnings
 from copy import deepcopy
 from typing import Annotated, Any, Literal

@@ -1,7 +1,5 @@
 """Task `lane_change`: tune the rules of a driver; a collision is a constraint, not only a cost."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from zoac.core.controller import Controller, Diagnostics, Memory, Parameters

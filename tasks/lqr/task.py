@@ -1,7 +1,5 @@
 """Task `lqr`: tune the gains, or the weights, of a linear regulator whose optimum is known."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Literal
 

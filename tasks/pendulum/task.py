@@ -1,7 +1,5 @@
 """Task `pendulum`: tune swing-up and PD gains."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from zoac.core.controller import Controller, Diagnostics, Memory, Parameters

@@ -5,8 +5,6 @@ plant's frequency response. The best of them says how fast the loop can be, whic
 of an episode and the middle of the box that is searched.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

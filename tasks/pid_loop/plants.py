@@ -1,7 +1,5 @@
 """What `zoac.tune_pid` is asked for: plants, the controller's structure, limits and noise."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The gains are those of all rules, weakened and strengthened, and gains read off 
 frequency response.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

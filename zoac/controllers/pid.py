@@ -13,8 +13,6 @@ where a prime marks the value of the step before. The standard form K (1 + 1 / (
 (Td / N s + 1)) is the parallel one with Kp = K, Ki = K / Ti, Kd = K Td, Tf = Td / N.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

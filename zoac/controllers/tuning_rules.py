@@ -5,8 +5,6 @@ proportional loop oscillates; Skogestad's SIMC (2003) needs a first-order plant 
 which is read off the step response here.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

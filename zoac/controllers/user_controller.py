@@ -1,7 +1,5 @@
 """A user's own controller, whatever form it has, as a `zoac.rollout.task.Controller`."""
 
-from __future__ import annotations
-
 import copy
 import inspect
 from collections.abc import Callable, Mapping
