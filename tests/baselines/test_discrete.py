@@ -83,9 +83,8 @@ def test_a_librarys_model_that_is_made_anew_finds_them_too(name):
 
 
 def test_optuna_knows_them_by_their_own_kinds():
-    tuner, group = make(Optuna)
-    drive(tuner, group, NUM_ENVS * STEPS)
-    kinds = [type(d).__name__ for d in tuner._study().trials[0].distributions.values()]
+    tuner, _ = make(Optuna)
+    kinds = [type(d).__name__ for d in tuner._distributions.values()]
     assert (
         kinds == ["FloatDistribution"] * 2 + ["IntDistribution"] + ["CategoricalDistribution"] * 2
     )
