@@ -146,7 +146,6 @@ class BayesOpt(NevergradTuner):
         self._seen = Outcomes(*seen)
 
     def describe(self) -> dict[str, Any]:
-        """See `Tuner.describe`."""
         design = self._model["initial_design"] or int(np.sqrt(self.search_episodes))
         return {**super().describe(), **self._model, "initial_design": max(2, design)}
 

@@ -71,7 +71,6 @@ class EvolutionStrategy(EpisodeTuner):
         self._noise = noise.copy()
 
     def describe(self) -> dict[str, Any]:
-        """See `Tuner.describe`."""
         return {
             "start": self._start,
             "population": self._population,

@@ -158,7 +158,6 @@ class UserTask(Task):
         self.make_controller()  # says what is wrong with it
 
     def parts(self) -> dict[str, Any]:
-        """See `Task.parts`."""
         return {
             "env": self._env,
             "controller": self._controller,
@@ -185,11 +184,9 @@ class UserTask(Task):
         return single_env(self._env)
 
     def make_controller(self) -> Controller:
-        """Return the user's controller."""
         return as_controller(self._controller, self.fixed, self.space)
 
     def env_action(self, action: np.ndarray) -> Any:
-        """See `Task.env_action`."""
         return env_action(self._action_space, action)
 
     @cached_property

@@ -96,7 +96,6 @@ class ModelTuner(EpisodeTuner):
         self._points, self._seen, self._asked = points.copy(), Outcomes(*seen), asked.copy()
 
     def describe(self) -> dict[str, Any]:
-        """See `Tuner.describe`."""
         return {
             "library": self.library,
             "initial_design": self._initial_design,

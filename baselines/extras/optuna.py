@@ -87,7 +87,6 @@ class Optuna(ModelTuner):
         super()._own_restore(history)
 
     def describe(self) -> dict[str, Any]:
-        """See `Tuner.describe`."""
         return {
             "library": self.library,
             "sampler": self._kind,

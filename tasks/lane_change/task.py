@@ -86,9 +86,7 @@ class LaneChange(Task):
         self._steps = max_episode_steps
 
     def make_env(self, n: int) -> LaneChangeVecEnv:
-        """Return `n` drives."""
         return LaneChangeVecEnv(n, self._steps)
 
     def make_controller(self) -> RuleBasedDriver:
-        """Return the driver."""
         return RuleBasedDriver()

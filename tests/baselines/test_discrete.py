@@ -16,7 +16,8 @@ from tests.baselines.support import (
 )
 from tests.support import needs_its_library
 from zoac.baselines.bo import BayesOpt, rounded_points
-from zoac.baselines.extras.optuna import Optuna, params_of, point_of
+from zoac.baselines.extras.model_tuner import params_of, point_of
+from zoac.baselines.extras.optuna import Optuna
 from zoac.config.validate import locate
 from zoac.core.parameters import Parameter, ParameterSpace, choice, integer
 from zoac.rollout.engine import RolloutEngine
