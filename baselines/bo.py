@@ -159,6 +159,8 @@ class BoundedRegressor(GaussianProcessRegressor):
         settings: Of `GaussianProcessRegressor`.
     """
 
+    kernel: Any
+    optimizer: Any
     seen: np.ndarray
     """The values that it is conditioned on."""
 
