@@ -5,8 +5,6 @@ differences through scikit-learn, which takes most of the time of an ask. This m
 gradient for the library's kernel, a Matern of smoothness 5/2 with one length scale.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Literal
 
@@ -55,7 +53,9 @@ class Acquisition:
         return np.concatenate([self._values(points[i : i + _PIECE]) for i in pieces])
 
     def _values(self, points: np.ndarray) -> np.ndarray:
-        distances = np.sqrt(np.maximum(_squared_distances(points / self._scale, self._points), 0.0))
+        points, seen = points / self._scale, self._points
+        squares = (points * points).sum(1)[:, None] + (seen * seen).sum(1) - 2.0 * (points @ seen.T)
+        distances = np.sqrt(np.maximum(squares, 0.0))
         covariance = _matern(distances)
         reduced = covariance @ self._whitening.T
         variance = 1.0 - np.einsum("ij,ij->i", reduced, reduced)
@@ -101,10 +101,6 @@ class Acquisition:
         if self._kind == "poi":
             return density / std, -density * gain / std
         return float(ndtr(gain)), density
-
-
-def _squared_distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return (a * a).sum(1)[:, None] + (b * b).sum(1) - 2.0 * (a @ b.T)
 
 
 def _matern(distances: np.ndarray) -> np.ndarray:

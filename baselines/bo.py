@@ -1,14 +1,12 @@
 """Bayesian optimisation by Nevergrad, with bounded time per evaluation."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import warnings
 from collections.abc import Callable
 from copy import deepcopy
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field
@@ -74,7 +72,6 @@ class BayesOpt(NevergradTuner):
             options: Of `EpisodeTuner`.
         """
         self._seen = Outcomes.none()
-        self._suggests_start = start != "library"
         self._model: dict[str, Any] = {
             "initial_design": initial_design,
             "noise": noise,
@@ -100,17 +97,17 @@ class BayesOpt(NevergradTuner):
             bo = optimizer.bo
             # The library refuses the same point twice; with noise, twice is information.
             bo._space._allow_duplicate_points = True
-            process = GaussianProcessRegressor(  # the library's
+            self._process = BoundedRegressor(
+                self._model["refit_growth"],
+                self._model["max_observations"],
+                # The library's settings.
                 kernel=Matern(nu=2.5),
                 alpha=self._model["noise"],
                 normalize_y=True,
                 n_restarts_optimizer=5,
                 random_state=bo.space.random_state,
             )
-            self._process = BoundedRegressor.like(
-                process, self._model["refit_growth"], self._model["max_observations"]
-            )
-            if self._suggests_start:
+            if self._start != "library":
                 optimizer.suggest(self._first)
         return optimizer
 
@@ -149,32 +146,30 @@ class BayesOpt(NevergradTuner):
         self._seen = Outcomes(*seen)
 
     def describe(self) -> dict[str, Any]:
-        """See `Tuner.describe`."""
         design = self._model["initial_design"] or int(np.sqrt(self.search_episodes))
         return {**super().describe(), **self._model, "initial_design": max(2, design)}
 
 
 class BoundedRegressor(GaussianProcessRegressor):
-    """A Gaussian process with few kernel estimates and a bounded number of observations."""
+    """A Gaussian process with few kernel estimates and a bounded number of observations.
+
+    Args:
+        growth: `refit_growth` of `BayesOpt`.
+        cap: `max_observations` of `BayesOpt`.
+        settings: Of `GaussianProcessRegressor`.
+    """
 
     kernel: Any
     optimizer: Any
-    growth: float
-    cap: int | None
     seen: np.ndarray
     """The values that it is conditioned on."""
-    _due: int = 0
 
-    @classmethod
-    def like(
-        cls, process: GaussianProcessRegressor, growth: float, cap: int | None
-    ) -> BoundedRegressor:
-        """Return a regressor with the settings of `process`; see `BayesOpt` for the others."""
-        bounded = cls(**process.get_params(deep=False))
-        bounded.growth, bounded.cap = growth, cap
-        return bounded
+    def __init__(self, growth: float, cap: int | None, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.growth, self.cap = growth, cap
+        self._due = 0
 
-    def fit(self, points: np.ndarray, values: np.ndarray) -> BoundedRegressor:
+    def fit(self, points: np.ndarray, values: np.ndarray) -> Self:
         """Condition on `points` (n, d) and `values` (n,), to be maximised."""
         kept = kept_observations(values, self.cap)
         points, values_kept = points[kept], values[kept]
@@ -192,7 +187,7 @@ class BoundedRegressor(GaussianProcessRegressor):
                 return self._condition(points, values_kept, previous)
         return self
 
-    def _condition(self, points: np.ndarray, values: np.ndarray, kernel: Any) -> BoundedRegressor:
+    def _condition(self, points: np.ndarray, values: np.ndarray, kernel: Any) -> Self:
         prior, estimator = self.kernel, self.optimizer
         self.kernel, self.optimizer = kernel, None
         try:
@@ -224,7 +219,7 @@ def suggest(
     process: BoundedRegressor,
     targets: np.ndarray,
     utility: Any,
-    rounded: Rounding = np.asarray,
+    rounded: Rounding,
 ) -> dict[str, float]:
     """Return the next point, as `bayes_opt.BayesianOptimization.suggest` does, but faster.
 

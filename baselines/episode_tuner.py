@@ -1,7 +1,5 @@
 """Base class of tuners that learn from the costs of whole episodes."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -158,7 +156,6 @@ class EpisodeTuner(Tuner):
         }
 
     def restore(self, state: Any) -> None:
-        """See `Tuner.restore`."""
         self._own_restore(state["own"])
         self._rng.bit_generator.state = state["rng"]
         self._steps, self._batch_size = state["steps"], state["batch_size"]

@@ -1,7 +1,5 @@
 """Evolution strategy: eq. (2) of the paper on whole episodes, with Adam."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np
@@ -73,7 +71,6 @@ class EvolutionStrategy(EpisodeTuner):
         self._noise = noise.copy()
 
     def describe(self) -> dict[str, Any]:
-        """See `Tuner.describe`."""
         return {
             "start": self._start,
             "population": self._population,

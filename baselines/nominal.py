@@ -1,7 +1,5 @@
 """The task's own reference parameters, which are only evaluated."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Random points: each measured once, or the better ones again and again."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -129,7 +127,6 @@ class RepeatedHalving(Tuner):
         return self._points[self._alive[0]].copy()
 
     def state(self) -> Any:
-        """See `Tuner.state`."""
         return {
             "alive": self._alive.copy(),
             "rounds": self._rounds,
@@ -146,7 +143,6 @@ class RepeatedHalving(Tuner):
         self._rounds, self._left = state["rounds"], state["left"]
 
     def describe(self) -> dict[str, Any]:
-        """See `Tuner.describe`."""
         among = ", the baseline values among them" if self._start == "baseline" else ""
         return {"points": f"{len(self._points)}{among}"}
 

@@ -1,7 +1,5 @@
 """Built-in tasks, each one folder here and one YAML file in `conf/task`."""
 
-from __future__ import annotations
-
 import gymnasium
 
 

@@ -1,7 +1,5 @@
 """What `zoac.tune` tunes: a task, by name or as an object, or what a user has."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from copy import copy

@@ -1,7 +1,5 @@
 """What pictures of the built-in environments have in common."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An FMU that a configuration file names, with what is observed, applied and minimised."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 from typing import Any
@@ -11,9 +9,6 @@ from zoac.core.errors import ConfigError
 from zoac.envs.fmu import FmuEnv
 from zoac.envs.fmu_instance import description
 
-OPTIONS = ("observations", "actions", "cost", "step_size", "stop_time")
-"""Of an FMU's environment, beside the file."""
-
 
 class FmuFile:
     """An FMU and how it is stepped, as a configuration file names them; makes environments."""
@@ -22,12 +17,13 @@ class FmuFile:
         """
         Args:
             path: Of the `.fmu` file.
-            options: Of `FmuEnv`; a `cost` that is no variable is the dotted path of a function.
+            options: All of `FmuEnv`, those that are not given as None; a `cost` that is no variable
+                is the dotted path of a function.
 
         Raises:
             ConfigError: If the file cannot be used here, or an option is missing or wrong.
         """
-        missing = [name for name in OPTIONS if options.get(name) is None]
+        missing = [name for name, value in options.items() if value is None]
         if missing:
             raise ConfigError(
                 f"env={path!r}: an FMU needs {', '.join(missing)} too; in Python give "

@@ -1,7 +1,5 @@
 """The parameters that a user names in a dict or a YAML file, as a space."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

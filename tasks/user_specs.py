@@ -1,7 +1,5 @@
 """Signals, specs and the sample time of a user's task, from Python or from a YAML file."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence

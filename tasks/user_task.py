@@ -1,13 +1,11 @@
 """A user's own environment, controller and bounds, as a task."""
 
-from __future__ import annotations
-
 import copy
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import gymnasium
 import numpy as np
@@ -160,7 +158,6 @@ class UserTask(Task):
         self.make_controller()  # says what is wrong with it
 
     def parts(self) -> dict[str, Any]:
-        """See `Task.parts`."""
         return {
             "env": self._env,
             "controller": self._controller,
@@ -187,11 +184,9 @@ class UserTask(Task):
         return single_env(self._env)
 
     def make_controller(self) -> Controller:
-        """Return the user's controller."""
         return as_controller(self._controller, self.fixed, self.space)
 
     def env_action(self, action: np.ndarray) -> Any:
-        """See `Task.env_action`."""
         return env_action(self._action_space, action)
 
     @cached_property
@@ -205,7 +200,7 @@ class UserTask(Task):
         with closing(self._one_env()) as env_once:
             return shortest_horizon_of(env_once)
 
-    def with_plant(self, plant: Mapping[str, float]) -> UserTask:
+    def with_plant(self, plant: Mapping[str, float]) -> Self:
         """Return the same task on a plant with other numbers; they no longer vary."""
         other = copy.copy(self)
         other._plant = {**self._plant, **plant}

@@ -1,7 +1,5 @@
 """BoTorch's Gaussian process and noisy expected improvement, in batches."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,9 +1,7 @@
 """Base class of tuners whose library is given the whole history before each batch."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -28,6 +26,8 @@ class ModelTuner(EpisodeTuner):
 
     library: ClassVar[str]
     """Name and version of the library, for `describe`."""
+    draws_design: ClassVar[bool] = False
+    """The library draws the random points before the first model, too."""
 
     def __init__(
         self,
@@ -49,6 +49,7 @@ class ModelTuner(EpisodeTuner):
         """
         super().__init__(problem, recommendation=recommendation, **options)
         self._initial_design, self._max_observations = initial_design, max_observations
+        self._scores: Callable[[np.ndarray], np.ndarray] = normal_scores
         self._points = np.empty((0, problem.space.dimension))
         self._seen = Outcomes.none()
         self._asked = self._points
@@ -68,12 +69,12 @@ class ModelTuner(EpisodeTuner):
     def _draw(self) -> list[np.ndarray]:
         count, space = self._problem.num_envs, self._problem.space
         points = self._rng.uniform(-1.0, 1.0, (count, space.dimension))
-        if len(self._seen) >= self._initial_design:
+        if self.draws_design or len(self._seen) >= self._initial_design:
             costs = self._costs.prices(self._seen)
             kept = kept_observations(-costs, self._max_observations)
             seed = int(self._rng.integers(2**31))
             observed = space.rounded(self._points[kept])
-            found = self._suggest(observed, normal_scores(costs[kept]), count, seed)
+            found = self._suggest(observed, self._scores(costs[kept]), count, seed)
             points[: len(found)] = found
         points = space.rounded(points)
         if not len(self._seen) and not len(self._asked):
@@ -95,7 +96,6 @@ class ModelTuner(EpisodeTuner):
         self._points, self._seen, self._asked = points.copy(), Outcomes(*seen), asked.copy()
 
     def describe(self) -> dict[str, Any]:
-        """See `Tuner.describe`."""
         return {
             "library": self.library,
             "initial_design": self._initial_design,

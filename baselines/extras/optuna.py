@@ -1,23 +1,17 @@
 """Optuna's samplers: Bayesian optimisation that takes noise and batches into account."""
 
-from __future__ import annotations
-
 import warnings
 from copy import deepcopy
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field
 
-from zoac.baselines.bo import kept_observations
-from zoac.baselines.episode_tuner import EpisodeTuner
-from zoac.baselines.extras.model_tuner import normal_scores, params_of, point_of
+from zoac.baselines.extras.model_tuner import ModelTuner, params_of, point_of
 from zoac.core.errors import ConfigError
 from zoac.core.parameters import Parameter
 from zoac.core.state import OwnObject
 from zoac.core.tuner import Problem
 from zoac.core.types import Count
-from zoac.rollout.outcomes import Outcomes
 
 try:
     import optuna
@@ -25,12 +19,15 @@ except ImportError as error:
     raise ConfigError("this tuner needs Optuna: pip install 'zoac[optuna]'") from error
 
 
-class Optuna(EpisodeTuner):
+class Optuna(ModelTuner):
     """A Gaussian process with a noise term, or a tree of Parzen estimators, in batches.
 
-    This class keeps the history. Each batch comes from a new Optuna study, which holds the kept
-    observations with transformed costs.
+    Each batch comes from a new Optuna study, which holds the kept observations with transformed
+    costs. The sampler lasts; it draws the initial design, too.
     """
+
+    library = f"optuna {optuna.__version__}"
+    draws_design = True
 
     def __init__(
         self,
@@ -39,7 +36,6 @@ class Optuna(EpisodeTuner):
         sampler: Literal["gp", "tpe"] = "gp",
         initial_design: Count = 20,
         costs: Literal["normal_scores", "raw"] = "normal_scores",
-        max_observations: Annotated[int, Field(ge=10)] | None = 500,
         recommendation: Literal["best_seen", "reevaluated"] = "best_seen",
         **options: Any,
     ) -> None:
@@ -51,79 +47,51 @@ class Optuna(EpisodeTuner):
             initial_design: Random points before the first model.
             costs: "normal_scores": the model sees the normal quantiles of the costs' ranks, so a
                 few huge costs do not hide the differences of the others; or "raw" costs.
-            max_observations: The model sees no more than these: the cheapest half and the most
-                recent half. None: all.
             recommendation: See `EpisodeTuner`; Optuna itself recommends "best_seen".
-            options: Of `EpisodeTuner`; the first point is `start`.
+            options: Of `ModelTuner`.
         """
-        super().__init__(problem, recommendation=recommendation, **options)
+        super().__init__(
+            problem, initial_design=initial_design, recommendation=recommendation, **options
+        )
         self.display_name = f"Optuna {sampler.upper()}"
-        self._options: dict[str, Any] = {
-            "sampler": sampler,
-            "initial_design": initial_design,
-            "costs": costs,
-            "max_observations": max_observations,
-            "start": self._start,
-        }
+        self._kind, self._kind_of_costs = sampler, costs
+        if costs == "raw":
+            self._scores = np.asarray
         self._sampler = _sampler(sampler, initial_design, int(self._rng.integers(1, 2**32)))
         self._distributions = {p.name: _distribution(p) for p in problem.space.parameters}
-        self._points = np.empty((0, problem.space.dimension))
-        self._seen = Outcomes.none()
-        self._asked: list[np.ndarray] = []
 
-    def _draw(self) -> list[np.ndarray]:
-        began = bool(len(self._seen) or self._asked)
+    def _suggest(self, points: np.ndarray, costs: np.ndarray, count: int, seed: int) -> np.ndarray:
+        space = self._problem.space
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-            study = self._study()
-            trials = [study.ask(self._distributions) for _ in range(self._problem.num_envs)]
-        points = [point_of(trial.params, self._problem.space) for trial in trials]
-        if not began:
-            points[0] = self._first
-        self._asked += points
-        return points
-
-    def _study(self) -> Any:
-        """Return a study of the kept observations with transformed costs."""
-        study = optuna.create_study(sampler=self._sampler)
-        costs = self._costs.prices(self._seen)
-        kept = kept_observations(-costs, self._options["max_observations"])
-        costs = costs[kept]
-        if self._options["costs"] == "normal_scores":
-            costs = normal_scores(costs)
-        study.add_trials(
-            [
-                optuna.trial.create_trial(
-                    params=params_of(point, self._problem.space),
-                    distributions=self._distributions,
-                    value=float(cost),
-                )
-                for point, cost in zip(self._points[kept], costs, strict=True)
-            ]
-        )
-        return study
-
-    def _learn(self, outcomes: Outcomes) -> dict[str, float]:
-        self._points = np.concatenate([self._points, np.stack(self._asked)])
-        self._seen += outcomes
-        self._asked = []
-        return {}
+            study = optuna.create_study(sampler=self._sampler)
+            study.add_trials(
+                [
+                    optuna.trial.create_trial(
+                        params=params_of(point, space),
+                        distributions=self._distributions,
+                        value=float(cost),
+                    )
+                    for point, cost in zip(points, costs, strict=True)
+                ]
+            )
+            trials = [study.ask(self._distributions) for _ in range(count)]
+        return np.stack([point_of(trial.params, space) for trial in trials])
 
     def _own_state(self) -> Any:
-        asked = [point.copy() for point in self._asked]
-        return OwnObject(deepcopy(self._sampler)), self._points.copy(), self._seen.state(), asked
+        return OwnObject(deepcopy(self._sampler)), super()._own_state()
 
     def _own_restore(self, state: Any) -> None:
-        sampler, self._points, seen, asked = state
-        self._sampler, self._asked = deepcopy(sampler.value), list(asked)
-        self._seen = Outcomes(*seen)
+        sampler, history = state
+        self._sampler = deepcopy(sampler.value)
+        super()._own_restore(history)
 
     def describe(self) -> dict[str, Any]:
-        """See `Tuner.describe`."""
         return {
-            "library": f"optuna {optuna.__version__}",
-            **self._options,
-            "batch": self._problem.num_envs,
+            "library": self.library,
+            "sampler": self._kind,
+            "initial_design": self._initial_design,
+            "costs": self._kind_of_costs,
             **super().describe(),
         }
 

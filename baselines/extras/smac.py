@@ -1,7 +1,5 @@
 """SMAC3's random forest and expected improvement, by ask and tell."""
 
-from __future__ import annotations
-
 import logging
 from contextlib import suppress
 from pathlib import Path

@@ -6,8 +6,6 @@ lane, and ahead and behind in the other one (positive: it gets away); time since
 change of lanes [s]. Action (2): acceleration [m/s^2]; change lanes where above 0.5.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from gymnasium.spaces import Box
 

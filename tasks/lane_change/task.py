@@ -1,7 +1,5 @@
 """Task `lane_change`: tune the rules of a driver; a collision is a constraint, not only a cost."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from zoac.core.controller import Controller, Diagnostics, Memory, Parameters
@@ -88,9 +86,7 @@ class LaneChange(Task):
         self._steps = max_episode_steps
 
     def make_env(self, n: int) -> LaneChangeVecEnv:
-        """Return `n` drives."""
         return LaneChangeVecEnv(n, self._steps)
 
     def make_controller(self) -> RuleBasedDriver:
-        """Return the driver."""
         return RuleBasedDriver()

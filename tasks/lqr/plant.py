@@ -4,8 +4,6 @@ x = (position [m], speed [m/s]), x' = A x + B u + w with u [m/s^2] and w ~ N(0, 
 step; cost x'Q x + u'R u at the state before the step. Observation (2): x. Action (1): u.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from gymnasium.spaces import Box
 from scipy.linalg import solve_discrete_are

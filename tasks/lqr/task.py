@@ -1,7 +1,5 @@
 """Task `lqr`: tune the gains, or the weights, of a linear regulator whose optimum is known."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Literal
 
@@ -77,9 +75,7 @@ class Lqr(Task):
         self.baseline = dict(zip(self.space.names, best.tolist(), strict=True))
 
     def make_env(self, n: int) -> LqrVecEnv:
-        """Return `n` environments."""
         return LqrVecEnv(n, self._noise, self._steps)
 
     def make_controller(self) -> Controller:
-        """Return the state feedback."""
         return StateFeedback() if self._tuned == "gains" else Regulator()

@@ -1,7 +1,5 @@
 """The tracking MPC as a function of its 19 parameters and the observation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What figures show of trajectory tracking (Fig. 6)."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The reference path: a sum of three sines, and what the controller is shown of it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ Observation (81): the state X_t, then N_p = 25 points (x_r, y_r, phi_r) of the p
 Action (2): front wheel angle delta [rad] and acceleration a [m/s^2].
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

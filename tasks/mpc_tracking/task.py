@@ -73,7 +73,6 @@ class MpcTracking(Task):
         )
 
     def make_controller(self) -> TrackingMpc:
-        """Return the MPC."""
         return TrackingMpc(self._solver, self._mpc, self._weights)
 
     def tuning_costs(self, segment: Segment) -> np.ndarray:

@@ -8,8 +8,6 @@ Every environment is computed by itself in scalar loops: no library call spans e
 environment's bits do not depend on its neighbours.
 """
 
-from __future__ import annotations
-
 import math
 from types import FunctionType
 from typing import Any

@@ -4,8 +4,6 @@ Observation (3): cos, sin of the angle from upright, angular velocity [rad/s]. A
 [N m]. Cost: angle^2 + 0.1 velocity^2 + 0.001 torque^2, at the state before the step.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from gymnasium.spaces import Box
 

@@ -1,7 +1,5 @@
 """Task `pendulum`: tune swing-up and PD gains."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from zoac.core.controller import Controller, Diagnostics, Memory, Parameters
@@ -77,9 +75,7 @@ class Pendulum(Task):
         self._mass, self._length, self._steps = mass, length, max_episode_steps
 
     def make_env(self, n: int) -> PendulumVecEnv:
-        """Return `n` pendulums."""
         return PendulumVecEnv(n, self._mass, self._length, self._steps)
 
     def make_controller(self) -> EnergyPd:
-        """Return the controller."""
         return EnergyPd()

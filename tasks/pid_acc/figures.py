@@ -1,7 +1,5 @@
 """What figures show of car following (Fig. 5)."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import FancyBboxPatch, Polygon, Rectangle

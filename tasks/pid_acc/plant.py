@@ -5,8 +5,6 @@ Observation (10): x_t, x_{t-1}, x_{t-2}, u_{t-1}. Action (1): increment of the d
 acceleration u [m/s^2].
 """
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

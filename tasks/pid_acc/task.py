@@ -72,7 +72,6 @@ class PidAcc(Task):
         self._jerk: Jerk = jerk
 
     def make_env(self, n: int) -> PidAccVecEnv:
-        """Return `n` environments of car following."""
         return PidAccVecEnv(
             n,
             preceding_std=self._preceding_std,
@@ -81,7 +80,6 @@ class PidAcc(Task):
         )
 
     def make_controller(self) -> IncrementalPid:
-        """Return the PID."""
         return IncrementalPid()
 
     def traces(self, segment: Segment) -> list[Trace]:

@@ -5,30 +5,38 @@ plant's frequency response. The best of them says how fast the loop can be, whic
 of an episode and the middle of the box that is searched.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
+import numpy as np
+
+from zoac.controllers import tuning_rules
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.core.segments import Proposal, Segment
+from zoac.rollout.engine import RolloutEngine
 from zoac.specs.spec import Spec
-from zoac.tasks.pid_loop.plants import RULES, Design, Gains, gains_of
+from zoac.tasks.pid_loop.plants import PARAMETERS, RULES, Design, Gains, gains_of
 from zoac.tasks.pid_loop.requirements import OF_THE_STEP
-from zoac.tasks.pid_loop.screening import (
-    LONGER,
-    MAX_STEPS,
-    MIN_STEPS,
-    candidates,
-    experiment_of,
-    screened,
-)  # fmt: skip
-from zoac.tasks.pid_loop.task import PidLoop
+from zoac.tasks.pid_loop.task import Experiment, PidLoop
 
 WIDTHS = {"Kp": 30.0, "Ki": 2000.0, "Kd": 30.0, "Tf": 30.0}
 """Bounds of a gain: the best screened one divided and multiplied by this. A step of the reference
 without overshoot may need a very slow integral; where the plant integrates, hardly any."""
+
+BAND = 0.05
+"""Of the step: an output inside has settled, for the length of an episode."""
+
+LONGER = 2.5
+"""An episode's parts last this many times as long as a good screened loop takes to settle."""
+
+MIN_STEPS, MAX_STEPS = 40, 2000
+"""Of each of the two parts of an episode."""
+
+GOOD = 1.5
+"""A good loop costs at most this many times as much as the best one."""
 
 
 def designed(
@@ -100,3 +108,100 @@ def _bounds(name: str, best: Gains, today: Gains, sample_time: float) -> Paramet
     edge = now - 0.05 * abs(now) if middle > 0 else now + 0.05 * abs(now)
     low, high = sorted((edge, 2.0 * middle - edge))
     return Parameter(name, low, high, "linear", unit)
+
+
+def candidates(design: Design) -> list[Gains]:
+    """Return gains to screen: of every rule that has an answer, and of the frequency response."""
+    found = []
+    for rule in RULES:
+        try:
+            gains = design.by_rule(rule)
+        except ConfigError:
+            continue
+        found += [gains, *_varied(gains)]
+    system, dead_time = design.systems[0], design.dead_times[0] + design.sample_time / 2
+    top = math.pi / design.sample_time
+    roots = np.abs(np.concatenate([system.poles(), system.zeros()]))
+    low = min([*roots[roots > 1e-9], 1.0 / dead_time, top]) / 10
+    sign = tuning_rules.sign(system)
+    for omega in np.geomspace(low, top / 2, 14):
+        kp = sign / abs(complex(system(1j * omega)))
+        td = 0.5 / omega
+        gains = {"Kp": kp, "Ki": kp * omega / 4, "Kd": kp * td, "Tf": tuning_rules.FILTER * td}
+        found += _varied({name: gains[name] for name in PARAMETERS[design.structure]})
+    for gains in found:
+        if "Tf" in gains:  # half a sample at least
+            gains["Tf"] = max(gains["Tf"], design.sample_time / 2)
+    return found
+
+
+def _varied(gains: Gains) -> list[Gains]:
+    """Return gains with a weaker and a stronger Kp, and with less and more of the integral."""
+    return [
+        {name: value * (strength if name != "Tf" else 1.0) * (part if name == "Ki" else 1.0)
+         for name, value in gains.items()}
+        for strength in (0.25, 0.5, 0.8)
+        for part in ((0.25, 1.0) if "Ki" in gains else (1.0,))
+    ]  # fmt: skip
+
+
+def experiment_of(design: Design, candidates: Sequence[Gains], part: int) -> Experiment:
+    """Return an episode: `part` steps after the reference's step, and as many after the load's.
+
+    The reference is 1, or two thirds of what the input can hold. The load takes half of the input
+    that holds the reference; where the plant integrates, a part of what the P-action would answer.
+    """
+    low, high = design.input_limits
+    at_rest = [_gain_at_rest(system) for system in design.systems]
+    reach = [max(low * gain, high * gain) for gain in at_rest if math.isfinite(gain)]
+    reference = min([1.0, *(limit / 1.5 for limit in reach)])
+    usual = float(np.median([abs(gains["Kp"]) for gains in candidates]))
+    room = max(-low, high)
+    side = 1.0 if high >= -low else -1.0
+    free = -side * min(0.3 * usual * reference, 0.5 * room)
+    loads = tuple(0.5 * reference / g if math.isfinite(g) else free for g in at_rest)
+    return Experiment(2 * part, part, reference, loads)
+
+
+def _gain_at_rest(system: Any) -> float:
+    """Return the plant's static gain; infinite where it integrates."""
+    if np.abs(system.poles()).min(initial=np.inf) < 1e-9:
+        return math.inf
+    return float(np.real(complex(system(0j))))
+
+
+def screened(design: Design, candidates: Sequence[Gains]) -> tuple[Gains, int]:
+    """Return the gains of the smallest integral of the absolute error, and an episode's half.
+
+    The screening is repeated with longer episodes until a good loop settles early in one.
+    """
+    names = list(candidates[0])
+    widest = [(min(c[n] for c in candidates), max(c[n] for c in candidates)) for n in names]
+    space = ParameterSpace(
+        [Parameter(n, low - 1e-9 - abs(low), high + 1e-9 + abs(high))
+         for n, (low, high) in zip(names, widest, strict=True)]
+    )  # fmt: skip
+    longest = max(plant.delay for plant in design.plants)
+    steps = max(MIN_STEPS, 10 * longest)
+    while True:
+        steps = min(steps, MAX_STEPS)
+        task = PidLoop(design.plants, design.pid, space, experiment_of(design, candidates, steps))
+        rows = range(len(candidates))
+        engine = RolloutEngine(task, rows, rows)
+        proposals = [Proposal(space.normalise(c), k) for k, c in enumerate(candidates)]
+        segments = engine.rollout(proposals)
+        costs = np.array([np.inf if s.terminated else s.costs.sum() for s in segments])
+        good = [s for s, cost in zip(segments, costs, strict=True) if cost <= GOOD * costs.min()]
+        settled = min(_settled(s, task) for s in good)
+        if steps == MAX_STEPS or settled * LONGER <= steps:
+            return candidates[int(costs.argmin())], math.ceil(LONGER * settled)
+        steps *= 3
+
+
+def _settled(segment: Segment, task: PidLoop) -> int:
+    """Return after how many steps of the reference's part every output has settled."""
+    part = task.experiment.load_at
+    y = segment.observations[: part + 1, -task.loops :]
+    around = task.experiment.reference if "Ki" in task.space.names else y[-1]
+    outside = np.abs(y - around).max(axis=1) > BAND * task.experiment.reference
+    return int(np.flatnonzero(outside)[-1]) + 1 if outside.any() else 0

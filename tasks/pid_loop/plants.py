@@ -1,10 +1,9 @@
 """What `zoac.tune_pid` is asked for: plants, the controller's structure, limits and noise."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -48,18 +47,20 @@ class Design:
 
     def __post_init__(self) -> None:
         _known(self.structure)
+        _ = self.pid, self.plants  # refuses a sample time and plants that are none
         for system in self.systems:
-            _usable(system)
-        _ = self.pid  # refuses a sample time that is none
+            if np.abs(system.zeros()).min(initial=np.inf) < 1e-9 or system(1j) == 0:
+                raise ConfigError(
+                    "plant: a lasting input has no lasting effect on its output (a zero at 0), so "
+                    "nothing holds a reference; of a pole and a zero that cancel give "
+                    "plant.minreal()"
+                )
         low, high = self.input_limits
         if not low <= 0.0 <= high or low == high:
             raise ConfigError(
                 f"input_limits={self.input_limits}: expected (low, high) around 0, the input at "
                 "rest; state limits as deviations from it"
             )
-        for dead_time in self.dead_times:
-            if not (is_number(dead_time) and math.isfinite(dead_time) and dead_time >= 0):
-                raise ConfigError(f"dead_time={dead_time!r}: expected seconds, 0 or more")
         if not (math.isfinite(self.noise) and self.noise >= 0):
             raise ConfigError(f"noise={self.noise}: expected a standard deviation, 0 or more")
 
@@ -68,7 +69,7 @@ class Design:
         """The controller's structure."""
         return PID(sample_time=self.sample_time, r=1, output_limits=self.input_limits)
 
-    @property
+    @cached_property
     def plants(self) -> list[SampledPlant]:
         """The plants as seen at the samples."""
         return [
@@ -112,29 +113,6 @@ def gains_of(structure: str, given: Mapping[str, float]) -> Gains:
     if missing:
         raise ConfigError(f"baseline: no value for {', '.join(missing)} of a {structure}")
     return {name: float(gains[name]) for name in names}
-
-
-def _usable(system: Any) -> None:
-    """See that a plant is one that can be simulated here."""
-    if (inputs := (system.ninputs, system.noutputs)) != (1, 1):
-        raise ConfigError(
-            f"plant: {inputs[0]} inputs and {inputs[1]} outputs; expected one of each, such as "
-            "plant[0, 0] of python-control"
-        )
-    if system.isdtime(strict=True):
-        raise ConfigError(
-            f"plant: sampled every {system.dt:g} s; expected a continuous system, which is sampled "
-            "here together with its dead time"
-        )
-    if len(system.zeros()) > len(system.poles()):
-        raise ConfigError(
-            "plant: more zeros than poles, which nothing can be; add the lag of the sensor"
-        )
-    if np.abs(system.zeros()).min(initial=np.inf) < 1e-9 or system(1j) == 0:
-        raise ConfigError(
-            "plant: a lasting input has no lasting effect on its output (a zero at 0), so nothing "
-            "holds a reference; of a pole and a zero that cancel give plant.minreal()"
-        )
 
 
 def _known(structure: str) -> None:

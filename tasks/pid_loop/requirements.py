@@ -1,7 +1,5 @@
 """Specs of a loop with a PID: what is looked at when, and margins without a simulation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """A PID in a loop with linear plants, as a task."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

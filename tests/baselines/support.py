@@ -1,7 +1,5 @@
 """A noisy quadratic to tune, and a driver without trainer."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -10,7 +10,8 @@ from sklearn.gaussian_process.kernels import Matern
 from tests.baselines.support import STEPS, TARGET, drive, engine, problem, spoiled, true_cost
 from zoac.baselines.acquisition import Acquisition
 from zoac.baselines.bo import BayesOpt, BoundedRegressor, kept_observations, maximise
-from zoac.baselines.extras.optuna import Optuna, normal_scores
+from zoac.baselines.extras.model_tuner import normal_scores
+from zoac.baselines.extras.optuna import Optuna
 from zoac.baselines.random_search import RandomSearch
 from zoac.core.errors import ConfigError
 from zoac.core.state import decode, encode
@@ -26,13 +27,16 @@ def data(n=40):
     return points, np.sin(5.0 * points).sum(axis=1)
 
 
+SETTINGS = {"kernel": Matern(nu=2.5), "alpha": 1e-6, "normalize_y": True, "random_state": 0}
+
+
 def process():
-    return GaussianProcessRegressor(Matern(nu=2.5), alpha=1e-6, normalize_y=True, random_state=0)
+    return GaussianProcessRegressor(**SETTINGS)
 
 
 def test_unbounded_and_refitted_it_is_the_librarys_process():
     points, values = data()
-    plain, bounded = process(), BoundedRegressor.like(process(), growth=0.0, cap=None)
+    plain, bounded = process(), BoundedRegressor(0.0, None, **SETTINGS)
     for n in (20, 21, 40):
         plain.fit(points[:n], values[:n])
         bounded.fit(points[:n], values[:n])
@@ -41,14 +45,14 @@ def test_unbounded_and_refitted_it_is_the_librarys_process():
 
 def test_the_length_scale_is_estimated_anew_as_observations_grow():
     points, values = data(98)
-    bounded = BoundedRegressor.like(process(), growth=0.5, cap=None)
+    bounded = BoundedRegressor(0.5, None, **SETTINGS)
     scales = [bounded.fit(points[:n], values[:n]).kernel_.length_scale for n in (44, 65, 66, 98)]
     assert scales[0] == scales[1] != scales[2] == scales[3]
 
 
 def test_a_worse_estimate_of_the_length_scale_does_not_replace_a_better():
     points, values = data(66)
-    bounded = BoundedRegressor.like(process(), growth=0.5, cap=None)
+    bounded = BoundedRegressor(0.5, None, **SETTINGS)
     good = bounded.fit(points[:44], values[:44]).kernel_.length_scale
     bounded.optimizer = lambda likelihood, start, bounds: (np.log([1e-5]), 0.0)
     bounded.n_restarts_optimizer = 0
@@ -57,7 +61,7 @@ def test_a_worse_estimate_of_the_length_scale_does_not_replace_a_better():
 
 def test_between_estimates_it_still_learns_from_each_observation():
     points, values = data(29)
-    bounded = BoundedRegressor.like(process(), growth=0.5, cap=None)
+    bounded = BoundedRegressor(0.5, None, **SETTINGS)
     bounded.fit(points[:20], values[:20])
     bounded.fit(points, values)
     assert np.allclose(bounded.predict(points), values, atol=1e-3)

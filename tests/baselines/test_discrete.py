@@ -16,7 +16,8 @@ from tests.baselines.support import (
 )
 from tests.support import needs_its_library
 from zoac.baselines.bo import BayesOpt, rounded_points
-from zoac.baselines.extras.optuna import Optuna, params_of, point_of
+from zoac.baselines.extras.model_tuner import params_of, point_of
+from zoac.baselines.extras.optuna import Optuna
 from zoac.config.validate import locate
 from zoac.core.parameters import Parameter, ParameterSpace, choice, integer
 from zoac.rollout.engine import RolloutEngine
@@ -83,9 +84,8 @@ def test_a_librarys_model_that_is_made_anew_finds_them_too(name):
 
 
 def test_optuna_knows_them_by_their_own_kinds():
-    tuner, group = make(Optuna)
-    drive(tuner, group, NUM_ENVS * STEPS)
-    kinds = [type(d).__name__ for d in tuner._study().trials[0].distributions.values()]
+    tuner, _ = make(Optuna)
+    kinds = [type(d).__name__ for d in tuner._distributions.values()]
     assert (
         kinds == ["FloatDistribution"] * 2 + ["IntDistribution"] + ["CategoricalDistribution"] * 2
     )

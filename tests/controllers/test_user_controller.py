@@ -361,8 +361,11 @@ def test_the_check_sees_what_an_episode_leaves_to_the_next(form, text):
     assert hidden_state(task)[1] == text
 
 
-@pytest.mark.parametrize("executor", ["serial", "process"])
-@pytest.mark.parametrize("form", [Integrator(), Forgetful, Protocol])
+@pytest.mark.parametrize(
+    ("form", "executor"),
+    [(Integrator(), "serial"), (Integrator(), "process"), (Forgetful, "serial"),
+     (Protocol, "process")],
+)  # fmt: skip
 def test_a_run_that_is_stopped_and_resumed_ends_with_the_same_numbers(
     form, executor, tmp_path, monkeypatch
 ):

@@ -132,11 +132,10 @@ def path(tmp_path_factory):
     return folder / "mass.fmu"
 
 
-@pytest.mark.parametrize("tuner", ["cmaes_full", "zoac_plus"])
-def test_it_tunes_to_the_gains_and_costs_of_the_original(tuner, path):
-    varied = {"vary": {"mass": (0.5, 4.0)}}
-    original = tuned(Mass, tuner=tuner, max_episode_steps=100, **varied)
-    found = tuned(lambda: fmu(path), tuner=tuner, **varied)
+def test_it_tunes_to_the_gains_and_costs_of_the_original(path):
+    options = {"tuner": "zoac_plus", "vary": {"mass": (0.5, 4.0)}}
+    original = tuned(Mass, max_episode_steps=100, **options)
+    found = tuned(lambda: fmu(path), **options)
     assert found.parameters == pytest.approx(original.parameters, abs=1e-9)
     assert found.cost_per_episode == pytest.approx(original.cost_per_episode, abs=1e-9)
     assert found.record["env_restarts"] == 0

@@ -107,7 +107,7 @@ def fmu(path, **options):
 
 def tuned(env, **options):
     given = {"space": {"kp": (0.0, 10.0), "kd": (0.0, 10.0)}, "num_envs": 2, "quiet": True,
-             "budget": 2000, "episodes": 1, "final_episodes": 2, **options}  # fmt: skip
+             "budget": 1000, "episodes": 1, "final_episodes": 2, **options}  # fmt: skip
     return zoac.tune(env=env, controller=pd, **given)
 
 
@@ -238,7 +238,7 @@ def test_a_configuration_names_an_fmu(path):
                 **NAMED, **options}  # fmt: skip
         return factory.build_task({"task": node})
 
-    options = {"tuner": "cmaes_full", "budget": 2000, "num_envs": 2, "episodes": 1,
+    options = {"tuner": "cmaes_full", "budget": 1000, "num_envs": 2, "episodes": 1,
                "final_episodes": 2, "quiet": True}  # fmt: skip
     found = zoac.tune(task=named(), executor="process", **options)
     assert found.parameters == tuned(lambda: fmu(path), tuner="cmaes_full").parameters

@@ -131,7 +131,7 @@ def test_a_diverging_output_ends_the_episode():
     [
         (3.0, 0.0, "expected a system of python-control"),
         ("of two", 0.0, "2 inputs and 1 outputs"),
-        ("discrete", 0.0, "is discrete"),
+        ("discrete", 0.0, "sampled every 0.1 s; expected a continuous system"),
         ("through", 0.0, "output follows its input at once"),
         ("lag", math.nan, "dead_time=nan"),
     ],

@@ -3,8 +3,6 @@
 Shares no code with the package: not the model, not the path, not the weights.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import casadi as ca

@@ -1,7 +1,5 @@
 """The MPC as a function of its parameters, beside the nonlinear programme."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -58,10 +56,10 @@ def ipopt() -> NonlinearMpc:
 
 
 def test_nominal_inputs_are_those_of_the_nonlinear_programme(ipopt) -> None:
-    starts = MpcTrackingVecEnv(200).reset(seed=6)[0]
+    starts = MpcTrackingVecEnv(60).reset(seed=6)[0]
     values = np.array(list(NOMINAL.values()))
     reference = np.array([ipopt.plan(values, row)[0] for row in starts])
-    actions, _, _ = controller().act(nominal(200), starts, {})
+    actions, _, _ = controller().act(nominal(60), starts, {})
     assert off(actions, reference).max() < 1e-6
 
 
@@ -102,12 +100,17 @@ def test_exactly_the_live_parameters_change_the_programme(observations, weights,
     assert unchanged == dead
 
 
-def test_weights_stand_where_the_paper_puts_them(observations) -> None:
+def numbered_weights(observations: np.ndarray, layout: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the state and input weights of the programme where the 13 weights are 1 to 13."""
     recorder = Recorder()
     values = dict(zip(SPACE.names[6:], np.arange(1.0, 14.0), strict=True))
     params = {**nominal(), **{name: np.full(N, value) for name, value in values.items()}}
-    TrackingMpc(recorder).act(params, observations, {})
-    weights, inputs = recorder.problem["state_weights"], recorder.problem["input_weights"]
+    TrackingMpc(recorder, weights=layout).act(params, observations, {})
+    return recorder.problem["state_weights"], recorder.problem["input_weights"]
+
+
+def test_weights_stand_where_the_paper_puts_them(observations) -> None:
+    weights, inputs = numbered_weights(observations, "separate")
     for k in (1, 24):
         np.testing.assert_allclose(weights[0, k - 1], 0.99**k * np.array([1, 2, 3, 0.01, 4, 5]))
     np.testing.assert_allclose(weights[0, 24], 0.99**25 * np.arange(6, 12))
@@ -116,11 +119,7 @@ def test_weights_stand_where_the_paper_puts_them(observations) -> None:
 
 
 def test_aliased_weights_are_read_two_places_early(observations) -> None:
-    recorder = Recorder()
-    values = dict(zip(SPACE.names[6:], np.arange(1.0, 14.0), strict=True))
-    params = {**nominal(), **{name: np.full(N, value) for name, value in values.items()}}
-    TrackingMpc(recorder, weights="aliased").act(params, observations, {})
-    terminal = recorder.problem["state_weights"][0, 24]
+    terminal = numbered_weights(observations, "aliased")[0][0, 24]
     np.testing.assert_allclose(terminal, 0.99**25 * np.array([12, 13, 6, 7, 8, 9]))
 
 

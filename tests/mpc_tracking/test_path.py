@@ -1,7 +1,5 @@
 """The reference path against its formula in SPEC."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from zoac.tasks.mpc_tracking import path

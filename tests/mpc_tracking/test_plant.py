@@ -1,7 +1,5 @@
 """The environment: starts, cost, ends and observations as SPEC section 2 says."""
 
-from __future__ import annotations
-
 import math
 import warnings
 

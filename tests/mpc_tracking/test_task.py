@@ -1,7 +1,5 @@
 """What tuners and evaluations see of the task."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 

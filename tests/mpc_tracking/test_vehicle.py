@@ -1,7 +1,5 @@
 """The bicycle model and its Jacobians against CasADi's, written apart."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 import pytest

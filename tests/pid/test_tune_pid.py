@@ -49,7 +49,7 @@ def broken(result, system, draws=20):
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
-    monkeypatch.setattr(tuning, "EPISODES", 600)
+    monkeypatch.setattr(tuning, "EPISODES", 300)
 
 
 @pytest.fixture

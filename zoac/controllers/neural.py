@@ -4,8 +4,6 @@ controller, space = zoac.controllers.neural.linear("CartPole-v1")
 result = zoac.tune(env="CartPole-v1", controller=controller, space=space)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from itertools import pairwise

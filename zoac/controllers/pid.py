@@ -13,12 +13,10 @@ where a prime marks the value of the step before. The standard form K (1 + 1 / (
 (Td / N s + 1)) is the parallel one with Kp = K, Ki = K / Ti, Kd = K Td, Tf = Td / N.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -26,10 +24,6 @@ from zoac.core.errors import ConfigError, suggest
 
 Form = Literal["parallel", "standard"]
 AntiWindup = Literal["back_calculation", "clamping", "none"]
-
-PARALLEL = ("Kp", "Ki", "Kd", "Tf")
-STANDARD = ("K", "Ti", "Td", "N")
-_ABSENT = {"Ti": math.inf, "N": math.inf}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,8 +75,8 @@ class PID:
         if not self.rate_limit > 0:
             raise ConfigError(f"rate_limit={self.rate_limit}: expected a number above 0")
         for name, value, known in (
-            ("form", self.form, ("parallel", "standard")),
-            ("anti_windup", self.anti_windup, ("back_calculation", "clamping", "none")),
+            ("form", self.form, get_args(Form)),
+            ("anti_windup", self.anti_windup, get_args(AntiWindup)),
         ):
             if value not in known:
                 raise ConfigError(f"{name}={value!r}: {suggest(str(value), known)}")
@@ -91,8 +85,7 @@ class PID:
 
     def init(self, n: int) -> dict[str, np.ndarray]:
         """Return the memory of `n` controllers before their first step."""
-        zeros = {name: np.zeros(n) for name in ("integral", "derivative", "y", "r", "u")}
-        return {**zeros, "begun": np.zeros(n)}
+        return {name: np.zeros(n) for name in ("integral", "derivative", "y", "r", "u", "begun")}
 
     def act(
         self, params: Mapping[str, np.ndarray], obs: np.ndarray, memory: Mapping[str, np.ndarray]
@@ -105,10 +98,10 @@ class PID:
 
     def gains(self, params: Mapping[str, Any]) -> tuple[Any, Any, Any, Any]:
         """Return Kp, Ki, Kd and Tf from parameters in this controller's form."""
+        get = params.get
         if self.form == "parallel":
-            kp, ki, kd, tf = (params.get(name, 0.0) for name in PARALLEL)
-            return kp, ki, kd, tf
-        k, ti, td, n = (params.get(name, _ABSENT.get(name, 0.0)) for name in STANDARD)
+            return get("Kp", 0.0), get("Ki", 0.0), get("Kd", 0.0), get("Tf", 0.0)
+        k, ti, td, n = get("K", 0.0), get("Ti", math.inf), get("Td", 0.0), get("N", math.inf)
         return k, k / ti, k * td, td / n
 
     def step(

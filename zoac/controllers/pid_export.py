@@ -1,7 +1,5 @@
 """A tuned `PID` as source code: C, MATLAB or Python."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from pathlib import Path

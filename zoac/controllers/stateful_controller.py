@@ -1,7 +1,5 @@
 """A user's controller object that changes in place, one for each environment."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Mapping
 from typing import Any

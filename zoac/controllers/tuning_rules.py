@@ -5,20 +5,15 @@ proportional loop oscillates; Skogestad's SIMC (2003) needs a first-order plant 
 which is read off the step response here.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
 from zoac.core.errors import ConfigError, suggest
-
-Structure = Literal["P", "PI", "PD", "PID"]
-Rule = Literal["ziegler_nichols", "tyreus_luyben", "simc"]
 
 FILTER = 0.1
 """Tf over the derivative time."""
@@ -29,13 +24,11 @@ class FirstOrder:
     """K exp(-theta s) / (tau s + 1), or for an integrating plant slope exp(-theta s) / s.
 
     Args:
-        gain: K; infinite for an integrating plant.
         tau: Time constant [s]; infinite for an integrating plant.
         theta: Dead time [s].
-        slope: K / tau.
+        slope: K / tau [1/s].
     """
 
-    gain: float
     tau: float
     theta: float
     slope: float
@@ -54,12 +47,8 @@ def gains(
         sample_time: T_s [s], half of which counts as dead time.
 
     Raises:
-        ConfigError: If the rule or the structure is unknown, or the plant is not one for the rule.
+        ConfigError: If the rule is unknown, or the plant is not one for the rule.
     """
-    if structure not in ("P", "PI", "PD", "PID"):
-        raise ConfigError(
-            f"structure={structure!r}: {suggest(structure, ('P', 'PI', 'PD', 'PID'))}"
-        )
     delay = dead_time + sample_time / 2
     if rule == "simc":
         k, ti, td = _simc(first_order(plant, delay), structure)
@@ -162,12 +151,12 @@ def first_order(plant: Any, delay: float) -> FirstOrder:
     if np.any(np.abs(poles) <= 1e-9):
         slope = float((response[-1] - response[-400]) / (time[-1] - time[-400]))
         lag = float(time[-1] - response[-1] / slope)
-        return FirstOrder(math.inf, math.inf, delay + max(0.0, lag), slope)
+        return FirstOrder(math.inf, delay + max(0.0, lag), slope)
     gain = float(np.real(plant(0j)))
     done = response / gain
     early, late = (float(time[np.flatnonzero(done >= level)[0]]) for level in (0.283, 0.632))
     tau = max(1.5 * (late - early), 1e-9)
-    return FirstOrder(gain, tau, delay + max(0.0, late - tau), gain / tau)
+    return FirstOrder(tau, delay + max(0.0, late - tau), gain / tau)
 
 
 def _simc(plant: FirstOrder, structure: str) -> tuple[float, float, float]:

@@ -1,10 +1,9 @@
 """A user's own controller, whatever form it has, as a `zoac.rollout.task.Controller`."""
 
-from __future__ import annotations
-
 import copy
 import inspect
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from zoac.controllers.stateful_controller import StatefulController
 from zoac.core.controller import Controller, Diagnostics, Memory, Parameters
 from zoac.core.errors import ConfigError
 from zoac.core.parameters import ParameterSpace
+from zoac.envs.single_env import takes
 
 
 def as_controller(given: Any, fixed: Mapping[str, float], space: ParameterSpace) -> Controller:
@@ -45,65 +45,39 @@ def as_controller(given: Any, fixed: Mapping[str, float], space: ParameterSpace)
             f"controller={given!r}: expected a function act(params, obs), an object with a method "
             f"of that name, or what makes one{f', got {made!r} from it' if makes else ''}"
         )
-    if not _takes(act, 2):
-        if _takes(act, 3) and hasattr(made, "init"):
+    if not takes(act, None, None):
+        if takes(act, None, None, None) and hasattr(made, "init"):
             return WithFixed(made, fixed) if fixed else made
         raise ConfigError(
-            f"controller: {_name(act)}{_signature(act)} cannot be called as act(params, obs); a "
-            "batched controller has act(params, obs, memory) and init(n)"
+            f"controller: {_name(act)}{inspect.signature(act)} cannot be called as "
+            "act(params, obs); a batched controller has act(params, obs, memory) and init(n)"
         )
     if act is made:
         return ScalarController(made, fixed, space)
-    return ScalarController(given if makes else Copies(given), fixed, space, remembers=True)
+    make = given if makes else partial(_copy, given)
+    return ScalarController(make, fixed, space, remembers=True)
 
 
 def _makes(given: Any) -> bool:
     """Tell whether something is a function without arguments that makes a controller."""
-    return (
-        callable(given) and not hasattr(given, "act") and _takes(given, 0) and not _takes(given, 2)
-    )
-
-
-def _takes(function: Callable[..., Any], count: int) -> bool:
-    """Tell whether a function can be called with `count` arguments; True where nothing tells."""
-    signature = _signature(function)
-    try:
-        return not isinstance(signature, inspect.Signature) or bool(signature.bind(*range(count)))
-    except TypeError:
-        return False
-
-
-def _signature(function: Callable[..., Any]) -> inspect.Signature | str:
-    try:
-        return inspect.signature(function)
-    except (TypeError, ValueError):  # of C, say
-        return ""
+    is_function = callable(given) and not hasattr(given, "act")
+    return is_function and takes(given) and not takes(given, None, None)
 
 
 def _name(thing: Any) -> str:
     return getattr(thing, "__qualname__", type(thing).__qualname__)
 
 
-class Copies:
-    """Makes copies of a controller object, one for each environment."""
-
-    def __init__(self, original: Any) -> None:
-        self._original = original
-
-    def __call__(self) -> Any:
-        """Return a copy.
-
-        Raises:
-            ConfigError: If it cannot be copied.
-        """
-        try:
-            return copy.deepcopy(self._original)
-        except Exception as error:  # whatever a user's object raises when it is copied
-            raise ConfigError(
-                f"the controller, a {_name(type(self._original))}, cannot be copied "
-                f"({type(error).__name__}: {error}), and each environment needs one of its own: "
-                "give its class, or a function without arguments that makes one"
-            ) from error
+def _copy(controller: Any) -> Any:
+    """Return a copy of a controller object, for one environment."""
+    try:
+        return copy.deepcopy(controller)
+    except Exception as error:  # whatever a user's object raises when it is copied
+        raise ConfigError(
+            f"the controller, a {_name(type(controller))}, cannot be copied "
+            f"({type(error).__name__}: {error}), and each environment needs one of its own: "
+            "give its class, or a function without arguments that makes one"
+        ) from error
 
 
 class ScalarController:

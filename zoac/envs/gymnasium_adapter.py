@@ -1,7 +1,5 @@
 """A user's own `gymnasium.Env` as a vectorised environment: n copies, stepped in turn."""
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import math

@@ -16,6 +16,7 @@ from gymnasium.spaces import Box
 from scipy.linalg import expm
 
 from zoac.core.errors import ConfigError
+from zoac.core.types import is_number
 from zoac.envs.base import ArrayVecEnv
 
 DIVERGED = 1e3
@@ -71,13 +72,13 @@ def sampled(system: Any, sample_time: float, dead_time: float = 0.0) -> SampledP
     """Return a python-control system as seen at the samples.
 
     Args:
-        system: Continuous, with one input and one output; a transfer function must be proper.
+        system: Continuous, with one input and one output.
         sample_time: T_s [s].
         dead_time: L [s].
 
     Raises:
-        ConfigError: If it is discrete, has several inputs or outputs, or hands its input on to its
-            output at once: such a loop has no order of computation.
+        ConfigError: If it is discrete or not proper, has several inputs or outputs, or hands its
+            input on to its output at once: such a loop has no order of computation.
     """
     import control
 
@@ -85,13 +86,20 @@ def sampled(system: Any, sample_time: float, dead_time: float = 0.0) -> SampledP
         raise ConfigError(f"plant={system!r}: expected a system of python-control")
     if (system.ninputs, system.noutputs) != (1, 1):
         raise ConfigError(
-            f"the plant has {system.ninputs} inputs and {system.noutputs} outputs; expected one "
-            "of each"
+            f"plant: {system.ninputs} inputs and {system.noutputs} outputs; expected one of each, "
+            "such as plant[0, 0] of python-control"
         )
     if system.isdtime(strict=True):
-        raise ConfigError("the plant is discrete; give it in continuous time")
-    if not (math.isfinite(dead_time) and dead_time >= 0):
-        raise ConfigError(f"dead_time={dead_time}: expected seconds, 0 or more")
+        raise ConfigError(
+            f"plant: sampled every {system.dt:g} s; expected a continuous system, which is sampled "
+            "here together with its dead time"
+        )
+    if len(system.zeros()) > len(system.poles()):
+        raise ConfigError(
+            "plant: more zeros than poles, which nothing can be; add the lag of the sensor"
+        )
+    if not (is_number(dead_time) and math.isfinite(dead_time) and dead_time >= 0):
+        raise ConfigError(f"dead_time={dead_time!r}: expected seconds, 0 or more")
     space = control.ss(system)
     order = space.nstates
     delay = math.ceil(dead_time / sample_time - 1e-9)

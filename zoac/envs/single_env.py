@@ -61,8 +61,7 @@ def copy_of(env: gymnasium.Env) -> gymnasium.Env:
     except Exception as error:  # whatever a user's environment raises when it is copied
         raise ConfigError(
             f"env={env}: every environment needs a copy, and copying raised "
-            f"{type(error).__name__}: "
-            f"{error}; {remedy}"
+            f"{type(error).__name__}: {error}; {remedy}"
         ) from error
     if (name := lost_number(env, twin)) is not None:
         found, value = getattr(twin.unwrapped, name, None), getattr(env.unwrapped, name)
@@ -81,17 +80,26 @@ def check_reset(env: gymnasium.Env) -> None:
     """
     layer: Any = env
     while layer is not None:
-        try:
-            inspect.signature(layer.reset).bind(seed=0)
-        except ValueError:  # nothing tells its arguments
-            pass
-        except TypeError:
+        if not takes(layer.reset, seed=0):
             raise ConfigError(
                 f"{type(layer).__name__}.reset{inspect.signature(layer.reset)} takes no seed, "
                 "without which no episode can be repeated; expected reset(self, *, seed=None, "
                 "options=None), which calls super().reset(seed=seed) and draws from self.np_random"
-            ) from None
+            )
         layer = layer.env if isinstance(layer, gymnasium.Wrapper) else None
+
+
+def takes(function: Callable[..., Any], *arguments: Any, **options: Any) -> bool:
+    """Tell whether a function can be called with such arguments; True where nothing tells."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # of C, say
+        return True
+    try:
+        signature.bind(*arguments, **options)
+    except TypeError:
+        return False
+    return True
 
 
 def flattened_remarks(env: gymnasium.Env) -> Iterator[str]:
@@ -111,8 +119,7 @@ def drift_remarks(env: gymnasium.Env) -> Iterator[str]:
             yield (
                 f"{type(env).__name__} scales by running statistics, so the same episode gives "
                 f"other {what} later in the run, and environments differ: remove the wrapper, or "
-                "set its "
-                "update_running_mean to False once its statistics are final"
+                "set its update_running_mean to False once its statistics are final"
             )
         env = env.env
 
@@ -155,11 +162,8 @@ def applied_action_space(env: gymnasium.Env) -> gymnasium.Space:
     while isinstance(inner, gymnasium.Wrapper):
         if isinstance(inner, ClipAction):
             return applied_action_space(inner.env)
-        if isinstance(inner, gymnasium.ActionWrapper) or not _is_gymnasiums(inner):
+        of_gymnasium = type(inner).__module__.startswith("gymnasium.wrappers.")
+        if isinstance(inner, gymnasium.ActionWrapper) or not of_gymnasium:
             break  # it may take actions in other units
         inner = inner.env
     return env.action_space
-
-
-def _is_gymnasiums(env: gymnasium.Wrapper) -> bool:
-    return type(env).__module__.startswith("gymnasium.wrappers.")

@@ -1,7 +1,6 @@
 """States of a user's environment: by its own methods, by MuJoCo's functions, or by deep copies."""
 
 import copy
-import inspect
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,6 +10,8 @@ from weakref import WeakKeyDictionary
 import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
+
+from zoac.envs.single_env import takes
 
 
 @dataclass(frozen=True)
@@ -46,20 +47,10 @@ def saved_by(env: gymnasium.Env) -> str:
 def _methods(inner: Any) -> _Methods | None:
     """Return its own `get_state()` and `set_state(state)`, else MuJoCo's; None: neither."""
     get, set_ = (getattr(inner, name, None) for name in ("get_state", "set_state"))
-    if callable(get) and callable(set_) and _takes_one(set_):
+    # The `set_state` of Gymnasium's MuJoCo environments takes qpos and qvel.
+    if callable(get) and callable(set_) and takes(set_, None):
         return _OWN
     return _MUJOCO if is_mujoco(inner) else None
-
-
-def _takes_one(set_state: Callable[..., None]) -> bool:
-    """Whether it takes a state; that of Gymnasium's MuJoCo environments takes qpos and qvel."""
-    try:
-        inspect.signature(set_state).bind(None)
-    except TypeError:
-        return False
-    except ValueError:  # nothing tells its arguments
-        return True
-    return True
 
 
 def _get_own(inner: Any) -> tuple[Any, dict[str, Any]]:
