@@ -79,11 +79,14 @@ def as_plain(spec: Spec) -> dict[str, Any]:
     Raises:
         ConfigError: If it is not one of `zoac.specs` that look at signals.
     """
+    if not isinstance(spec, Spec):
+        raise ConfigError(
+            f"specs: {spec!r} is no spec; expected such as zoac.specs.overshoot('y', 'r')"
+        )
     if spec.figure is not getattr(step_info, spec.name, None):
         raise ConfigError(f"{spec}: a trace is judged by a figure of zoac.specs over signals")
-    limits = {name: getattr(spec, name) for name in LIMITS}
-    given = {name: value for name, value in limits.items() if value is not None}
-    return {"name": spec.name, "signals": list(spec.signals), **spec.options, **given}
+    limits = {name: limit for name in LIMITS if (limit := getattr(spec, name)) is not None}
+    return {"name": spec.name, "signals": list(spec.signals), **spec.options, **limits}
 
 
 def from_plain(given: Mapping[str, Any]) -> Spec:
@@ -96,12 +99,11 @@ def from_plain(given: Mapping[str, Any]) -> Spec:
         raise ConfigError(f"{given!r} is no spec; expected name, signals and if wanted max or min")
     options = dict(given)
     name, signals = options.pop("name"), options.pop("signals")
-    make = getattr(requirements, str(name), None)
-    if make is None or not hasattr(step_info, str(name)):
-        known = [known for known in vars(requirements) if hasattr(step_info, known)]
+    known = {k: v for k, v in vars(requirements).items() if k[0] != "_" and hasattr(step_info, k)}
+    if str(name) not in known:
         raise ConfigError(f"unknown spec {name!r}; {suggest(str(name), known)}")
     try:
-        spec: Spec = make(*signals, **options)
+        spec: Spec = known[str(name)](*signals, **options)
     except TypeError as error:
         raise ConfigError(f"spec {name!r}: {error}") from None
     return spec
