@@ -17,7 +17,7 @@ class Status(enum.IntEnum):
 
     sentence: str
 
-    def __new__(cls, value: int, sentence: str) -> Status:
+    def __new__(cls, value: int, sentence: str = "") -> Status:
         member = int.__new__(cls, value)
         member._value_, member.sentence = value, sentence
         return member

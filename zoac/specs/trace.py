@@ -50,27 +50,36 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
 
 
 def judged(
-    specs: Sequence[Spec], trace: pd.DataFrame
-) -> tuple[float | None, float, dict[str, float]]:
-    """Return the objective, the violation and the value of each spec by its label.
+    specs: Sequence[Spec], trace: pd.DataFrame, cost: Any
+) -> tuple[Any, float, dict[str, float]]:
+    """Return the cost of a trace, the violation and the value of each spec by its label.
 
     Args:
-        specs: Hard ones, and soft ones, whose weighted sum is the objective.
+        specs: Hard ones, and soft ones, whose weighted sum is the cost.
         trace: A table as for `episode_of`.
-
-    Returns:
-        The objective is None without a soft spec.
+        cost: The cost if all specs are hard, else None.
 
     Raises:
-        ConfigError: If a signal is missing, or the trace cannot be used.
+        ConfigError: If a signal is missing, the trace cannot be used, or not exactly one of cost
+            and soft specs is there.
     """
+    if not specs:
+        raise ConfigError("a trace needs specs to judge it; give the study specs=[...]")
     episode = episode_of(trace, [name for spec in specs for name in spec.signals])
     values = [spec.of_episode(episode) for spec in specs]
     pairs = list(zip(specs, values, strict=True))
     soft = [spec.weight * value for spec, value in pairs if not spec.hard]
+    if not soft and cost is None:
+        raise ConfigError(
+            "a trace needs a cost beside it, since every spec of the study has a limit"
+        )
+    if soft and cost is not None:
+        raise ConfigError(
+            "the cost comes from the specs without a limit; give none beside the trace"
+        )
     violation = sum(spec.violation_of(episode, value) for spec, value in pairs)
     named = {spec.label: value for spec, value in pairs}
-    return (math.fsum(soft) if soft else None), float(violation), named
+    return (math.fsum(soft) if soft else cost), float(violation), named
 
 
 def as_plain(spec: Spec) -> dict[str, Any]:
