@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from zoac.mpc.problem import LinearisedProblem
@@ -64,34 +66,42 @@ def dense_problems(n: int, horizon: int, nx: int, nu: int, seed: int) -> Lineari
     )
 
 
-def objective(problem: LinearisedProblem, inputs: np.ndarray) -> np.ndarray:
-    """Return the objective (n,) of plans `inputs` (n, N, nu), by forward simulation alone."""
-    x = problem.states[:, 0]
-    total = np.zeros(len(x))
-    for k in range(inputs.shape[1]):
-        x = (
-            problem.states[:, k + 1]
-            + np.einsum("nij,nj->ni", problem.a[:, k], x - problem.states[:, k])
-            + np.einsum("nij,nj->ni", problem.b[:, k], inputs[:, k] - problem.inputs[:, k])
-        )
-        total += (problem.state_weights[:, k] * (x - problem.reference[:, k]) ** 2).sum(1)
-        total += (problem.input_weights[:, k] * inputs[:, k] ** 2).sum(1)
-    return total
+def integrator(input_weight: float) -> LinearisedProblem:
+    """Return one state that adds up one input, for two steps from 0, with the reference 1."""
+    return replace(
+        dense_problems(1, 2, 1, 1, 0),
+        states=np.zeros((1, 3, 1)), inputs=np.zeros((1, 2, 1)),
+        a=np.ones((1, 2, 1, 1)), b=np.ones((1, 2, 1, 1)), reference=np.ones((1, 2, 1)),
+        state_weights=np.ones((1, 2, 1)), input_weights=np.full((1, 2, 1), input_weight),
+        input_low=np.array([-5.0]), input_high=np.array([5.0]),
+    )  # fmt: skip
 
 
-def gradient(problem: LinearisedProblem, inputs: np.ndarray) -> np.ndarray:
-    """Return the objective's gradient (n, N, nu) at `inputs`, by the adjoint recursion."""
-    horizon = inputs.shape[1]
+def states_along(problem: LinearisedProblem, inputs: np.ndarray) -> list[np.ndarray]:
+    """Return the linearised states x_0 .. x_N, (n, nx) each, along plans `inputs` (n, N, nu)."""
     x = [problem.states[:, 0]]
-    for k in range(horizon):
+    for k in range(inputs.shape[1]):
         x.append(
             problem.states[:, k + 1]
             + np.einsum("nij,nj->ni", problem.a[:, k], x[k] - problem.states[:, k])
             + np.einsum("nij,nj->ni", problem.b[:, k], inputs[:, k] - problem.inputs[:, k])
         )
+    return x
+
+
+def objective(problem: LinearisedProblem, inputs: np.ndarray) -> np.ndarray:
+    """Return the objective (n,) of plans `inputs` (n, N, nu), by forward simulation alone."""
+    x = np.stack(states_along(problem, inputs)[1:], axis=1)
+    of_states = problem.state_weights * (x - problem.reference) ** 2
+    return of_states.sum((1, 2)) + (problem.input_weights * inputs**2).sum((1, 2))
+
+
+def gradient(problem: LinearisedProblem, inputs: np.ndarray) -> np.ndarray:
+    """Return the objective's gradient (n, N, nu) at `inputs`, by the adjoint recursion."""
+    x = states_along(problem, inputs)
     result = np.empty_like(inputs)
     adjoint = np.zeros_like(x[0])
-    for k in reversed(range(horizon)):
+    for k in reversed(range(inputs.shape[1])):
         adjoint += 2 * problem.state_weights[:, k] * (x[k + 1] - problem.reference[:, k])
         result[:, k] = 2 * problem.input_weights[:, k] * inputs[:, k]
         result[:, k] += np.einsum("nij,ni->nj", problem.b[:, k], adjoint)

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from tests.mpc.problems import box_points, dense_problems, objective, tracking_problems
+from tests.mpc.problems import (
+    box_points,
+    dense_problems,
+    integrator,
+    objective,
+    tracking_problems,
+)
 from zoac.mpc.attempt import Attempt
 from zoac.mpc.formulation import Layout, build_problem
 from zoac.mpc.problem import LinearisedProblem, StateBounds, Status
@@ -152,13 +158,7 @@ def test_a_penalty_above_the_multiplier_keeps_the_bound_exactly() -> None:
 
     At x = (1/2, 1/2) the multipliers are 2 and 1: a smaller penalty buys a violation.
     """
-    problem = replace(
-        dense_problems(1, 2, 1, 1, 0),
-        states=np.zeros((1, 3, 1)), inputs=np.zeros((1, 2, 1)),
-        a=np.ones((1, 2, 1, 1)), b=np.ones((1, 2, 1, 1)), reference=np.ones((1, 2, 1)),
-        state_weights=np.ones((1, 2, 1)), input_weights=np.full((1, 2, 1), 1e-6),
-        input_low=np.array([-5.0]), input_high=np.array([5.0]),
-    )  # fmt: skip
+    problem = integrator(input_weight=1e-6)
     for penalty, reached in ((2.0, 0.5), (INF, 0.5), (0.5, 0.75)):
         plans = ClarabelSolver().solve(bounded(problem, [-INF], [0.5], [penalty])).inputs
         np.testing.assert_allclose(plans[0, :, 0], [reached, 0.0], atol=1e-5)

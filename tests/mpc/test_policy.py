@@ -165,27 +165,18 @@ def test_with_no_finite_environment_the_solver_is_not_called() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("option", "value", "message"),
     [
-        ({"horizon": 0}, "mpc.horizon: must be at least 1, got 0"),
-        (
-            {"linearisations": 0},
-            "mpc.linearisations: expected a number from 1 or 'converged', got 0",
-        ),
-        (
-            {"linearisations": "all"},
-            "mpc.linearisations: expected a number from 1 or 'converged', got 'all'",
-        ),
-        (
-            {"initial_guess": "zerro"},
-            "mpc.initial_guess: unknown 'zerro'; did you mean 'zero'? known: shifted, zero",
-        ),
+        ("horizon", 0, "must be at least 1, got 0"),
+        ("linearisations", 0, "expected a number from 1 or 'converged', got 0"),
+        ("linearisations", "all", "expected a number from 1 or 'converged', got 'all'"),
+        ("initial_guess", "zerro", "unknown 'zerro'; did you mean 'zero'? known: shifted, zero"),
     ],
 )
-def test_wrong_options_are_named(options: dict, message: str) -> None:
+def test_wrong_options_are_named(option: str, value: object, message: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        MpcOptions(**options)
-    assert str(caught.value) == message
+        MpcOptions(**{option: value})
+    assert str(caught.value) == f"mpc.{option}: {message}"
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from tests.mpc.problems import (
     box_points,
     dense_problems,
     duality_gap,
+    integrator,
     objective,
     tracking_problems,
 )
@@ -33,11 +34,6 @@ def clarabel() -> ClarabelSolver:
 @pytest.fixture(scope="module")
 def cvxpy() -> CvxpySolver:
     return CvxpySolver()
-
-
-def rows(problem, *env_indices: int):
-    mask = np.isin(np.arange(len(problem.a)), env_indices)
-    return problem.take(mask)
 
 
 def test_the_formulation_is_dpp() -> None:
@@ -70,18 +66,7 @@ def test_a_known_optimum_is_found(clarabel, cvxpy) -> None:
     u_0^2 + u_1^2 + (u_0 - 1)^2 + (u_0 + u_1 - 1)^2 is least at u = (3/5, 1/5); the bound 1/2 on
     u_0 leaves u_1 = 1/4.
     """
-    problem = replace(
-        dense_problems(1, 2, 1, 1, 0),
-        states=np.zeros((1, 3, 1)),
-        inputs=np.zeros((1, 2, 1)),
-        a=np.ones((1, 2, 1, 1)),
-        b=np.ones((1, 2, 1, 1)),
-        reference=np.ones((1, 2, 1)),
-        state_weights=np.ones((1, 2, 1)),
-        input_weights=np.ones((1, 2, 1)),
-        input_low=np.array([-5.0]),
-        input_high=np.array([5.0]),
-    )
+    problem = integrator(input_weight=1.0)
     bounded = replace(problem, input_high=np.array([0.5]))
     for solver in (clarabel, cvxpy):
         np.testing.assert_allclose(solver.solve(problem).inputs[0, :, 0], [0.6, 0.2], atol=1e-8)
@@ -154,8 +139,9 @@ def test_nothing_leaks_from_one_problem_into_the_next(solver) -> None:
     first = used.solve(problem)
     order = np.random.default_rng(0).permutation(count)
     for env_index in order:
-        again = used.solve(rows(problem, env_index))
-        fresh = solver().solve(rows(problem, env_index)) if env_index < 3 else again
+        alone = problem.take(slice(env_index, env_index + 1))
+        again = used.solve(alone)
+        fresh = solver().solve(alone) if env_index < 3 else again
         for answer in (again, fresh):
             np.testing.assert_array_equal(answer.inputs[0], first.inputs[env_index])
             assert answer.iterations[0] == first.iterations[env_index]

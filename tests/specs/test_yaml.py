@@ -2,14 +2,13 @@
 
 import math
 import os
-import subprocess
-import sys
 from pathlib import Path
 from textwrap import dedent
 
 import pytest
 
 import zoac
+from tests import commands
 from tests.specs.loops_to_tune import tuned
 from zoac.check.__main__ import main
 from zoac.config.compose import compose_config, resolved
@@ -43,17 +42,16 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def run(*more):
+def run(folder, *more):
     """Tune on the command line, in a process of its own."""
     options = ("task=lag", "tuner=random", "budget=1200", "num_envs=2", "eval_every=120",
                "evaluation.episodes=3", "evaluation.final_episodes=4", "variant=mine")  # fmt: skip
-    command = [sys.executable, "-m", "zoac.run", *options, *more]
-    paths = {"PYTHONPATH": str(Path(zoac.__file__).parents[1])}
-    return subprocess.run(command, env={**os.environ, **paths}, capture_output=True, text=True)
+    environment = {**os.environ, "PYTHONPATH": str(Path(zoac.__file__).parents[1])}
+    return commands.run("-m", "zoac.run", *options, *more, cwd=folder, env=environment)
 
 
 def test_the_command_line_and_python_give_the_same_answer_and_table(folder):
-    done = run()
+    done = run(folder)
     assert done.returncode == 0, done.stderr
     assert "steady_state_error(y, r) <= 0.2" in done.stdout
     result = zoac.load_result(folder / "runs/lag/random/seed=0/variant=mine")
@@ -65,7 +63,7 @@ def test_the_command_line_and_python_give_the_same_answer_and_table(folder):
 
 
 def test_a_tuner_of_parts_of_episodes_is_refused_with_those_that_can(folder):
-    done = run("tuner=zoac_plus")
+    done = run(folder, "tuner=zoac_plus")
     assert done.returncode == 1
     assert "cmaes_full, bo, optuna, es, nevergrad or random" in done.stderr
     assert not (folder / "runs").exists()

@@ -31,8 +31,7 @@ def tune(cost, experiments=60, **options):
     return zoac.tune(cost=cost, experiments=experiments, **given)
 
 
-@pytest.mark.parametrize("workers", [1, 3])
-@pytest.mark.parametrize("baseline", [None, {"k": 2.0}])
+@pytest.mark.parametrize(("workers", "baseline"), [(1, None), (1, {"k": 2.0}), (3, {"k": 2.0})])
 @pytest.mark.parametrize("experiments", [2, 3, 5, 12, 60, 61])
 def test_so_many_experiments_are_so_many_calls(experiments, baseline, workers):
     cost = Noisy()

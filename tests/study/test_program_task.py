@@ -8,9 +8,11 @@ from pathlib import Path
 import pytest
 
 import zoac
+from zoac.config.compose import compose_config, resolved
 from zoac.config.factory import PROGRAM
 from zoac.config.validate import locate
 from zoac.core.errors import ConfigError
+from zoac.study.experiments import run_experiments
 from zoac.study.program import ProgramTask
 
 ROOT = Path(__file__).parents[2]
@@ -25,17 +27,22 @@ print(json.dumps({"cost": (p["kp"] - 3) ** 2 + p["ki"]}))
 """
 
 
+OVERRIDES = [
+    "task=program", f"task.command=[{sys.executable},simulate.py]",
+    "task.space={kp:{low:0,high:20,baseline:9},ki:[0,5]}", "task.baseline={ki:1}",
+    "task.experiments=6", "tuner=random", "variant=mine",
+]  # fmt: skip
+
+
 @pytest.fixture
 def tuned(tmp_path):
     """Return a function that runs `task=program` with a small program in a folder."""
     (tmp_path / "simulate.py").write_text(SIMULATE)
 
     def run(*arguments, module="zoac.run"):
-        given = ["task=program", f"task.command=[{sys.executable},simulate.py]",
-                 "task.space={kp:{low:0,high:20,baseline:9},ki:[0,5]}", "task.baseline={ki:1}",
-                 "task.experiments=12", "tuner=random", "variant=mine", *arguments]  # fmt: skip
         return subprocess.run(
-            [sys.executable, "-m", module, *given], cwd=tmp_path, capture_output=True, text=True,
+            [sys.executable, "-m", module, *OVERRIDES, *arguments], cwd=tmp_path,
+            capture_output=True, text=True,
             env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)},
             timeout=300, check=False,
         )  # fmt: skip
@@ -46,26 +53,26 @@ def tuned(tmp_path):
 def test_it_runs_so_many_experiments_and_answers_with_the_best(tuned, tmp_path):
     done = tuned("executor.workers=3")
     assert done.returncode == 0, done.stderr
-    assert len((tmp_path / "calls").read_text()) == 12
+    assert len((tmp_path / "calls").read_text()) == 6
     folder = tmp_path / "runs/program/random/seed=0/variant=mine"
     result = json.loads((folder / "result.json").read_text())
     assert (result["task"], result["tuner"], result["variant"]) == ("program", "random", "mine")
-    assert result["experiments"] == 12
+    assert result["experiments"] == 6
     assert result["baseline_cost_mean"] == 37.0
     study = zoac.Study(folder=folder)
     assert result["parameters"] == study.best.parameters
     assert study.settings.workers == 3
-    assert f"cost {result['cost_mean']:.6g}, experiment {study.best.number} of 12; " in done.stdout
+    assert f"cost {result['cost_mean']:.6g}, experiment {study.best.number} of 6; " in done.stdout
     assert "baseline values: cost 37\n" in done.stdout
     tuned("executor.workers=3")
-    assert len((tmp_path / "calls").read_text()) == 12  # it is done
+    assert len((tmp_path / "calls").read_text()) == 6  # it is done
     assert "use resume=auto" in tuned("executor.workers=3", "resume=never").stderr
     assert tuned("executor.workers=2", "resume=overwrite").returncode == 0
-    assert len((tmp_path / "calls").read_text()) == 24
+    assert len((tmp_path / "calls").read_text()) == 12
 
 
-def test_a_failure_is_told_by_its_first_and_last_words(tuned, tmp_path):
-    text = tuned("task.experiments=40").stdout
+def test_a_failure_is_told_by_its_first_and_last_words(tuned):
+    text = tuned("task.space={kp:{low:17,baseline:17.5}}").stdout
     assert "failed (python" in text
     assert "ended with exit status 1: too stiff)\n" in text
 
@@ -73,26 +80,36 @@ def test_a_failure_is_told_by_its_first_and_last_words(tuned, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["task.command=null"], "error: task.command: a value is needed"),
-        (["task.space=null"], "error: task.space: a value is needed"),
-        (["tuner=zoac"], "error: tuner='zoac' learns from single steps of an episode"),
-        (["budget=100"], "error: budget=100: experiments of a program have no such setting"),
-        (["task.experiments=0"], "error: task.experiments=0"),
-        (["task.retries=half"], "error: task.retries='half'"),
+        (["task.space=null"], "task.space: a value is needed"),
+        (["tuner=zoac"], "tuner='zoac' learns from single steps of an episode"),
+        (["budget=100"], "budget=100: experiments of a program have no such setting"),
+        (["task.experiments=0"], "task.experiments=0"),
+        (["task.retries=half"], "task.retries='half'"),
         (["tuner=cmaes", "tuner.populatoin=3"], "tuner.populatoin"),
     ],
 )
-def test_what_cannot_be_used_is_named_before_anything_runs(arguments, says, tuned, tmp_path):
-    done = tuned(*arguments)
+def test_what_cannot_be_used_is_named_before_anything_runs(arguments, says, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    tuner = arguments[0].partition("tuner=")[2] or "random"
+    with pytest.raises(ConfigError, match=says):
+        run_experiments(resolved(compose_config([*OVERRIDES, *arguments])), "program", tuner)
+    assert not (tmp_path / "runs").exists()
+
+
+def test_the_command_says_what_is_missing_in_one_line(tuned, tmp_path):
+    done = tuned("task.command=null")
     assert done.returncode == 1
-    assert says in done.stderr
+    assert done.stderr.startswith("error: task.command: a value is needed")
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "runs").exists()
 
 
-def test_options_of_the_tuner_count(tuned, tmp_path):
-    done = tuned("tuner=cmaes_full", "tuner.start=middle", "task.experiments=30")
-    assert done.returncode == 0, done.stderr
+def test_options_of_the_tuner_count(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    given = [*OVERRIDES, "tuner=cmaes_full", "tuner.start=middle", "task.experiments=16"]
+    config = resolved(compose_config(given))
+    config["task"]["command"] = ["echo", '{"cost": 1}']
+    run_experiments(config, "program", "cmaes_full")
     (folder,) = tmp_path.glob("runs/program/cmaes_full/seed=0/*")
     record = json.loads((folder / "run.json").read_text())
     assert record["config"]["tuner"]["start"] == "middle"

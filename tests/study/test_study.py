@@ -13,6 +13,7 @@ import pytest
 
 import zoac
 from tests.support import needs_its_library
+from zoac.analysis import curves, report
 from zoac.config.files import configuration
 from zoac.core.errors import (
     ConfigError,
@@ -377,12 +378,9 @@ def test_report_and_curves_read_a_finished_study(tmp_path):
     made = study(tmp_path / "rig")
     for trial in made:
         answer(made, trial)
-    for command in ("report", "curves"):
-        words = [sys.executable, "-m", f"zoac.analysis.{command}", str(tmp_path), "--out",
-                 str(tmp_path / command)]  # fmt: skip
-        done = subprocess.run(words, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        assert any((tmp_path / command).rglob("*"))
+    for command in (report, curves):
+        assert command.main([str(tmp_path), "--out", str(tmp_path / command.__name__)]) == 0
+        assert any((tmp_path / command.__name__).rglob("*"))
     result = zoac.load_result(tmp_path / "rig")
     assert result.parameters == made.best.parameters
     assert result.cost_mean == made.best.cost

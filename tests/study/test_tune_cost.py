@@ -30,8 +30,7 @@ def tune(cost, **options):
     return zoac.tune(cost=cost, **{**given, **options})
 
 
-@pytest.mark.parametrize("workers", [1, 3])
-@pytest.mark.parametrize("acceptance_test", [None, 0.2, 0.25])
+@pytest.mark.parametrize(("workers", "acceptance_test"), [(1, None), (3, 0.2), (1, 0.25)])
 @pytest.mark.parametrize("tuner", ["random", "cmaes", "cmaes_full", "es"])
 def test_sixty_experiments_are_sixty_calls(tuner, acceptance_test, workers):
     cost = Counted()

@@ -15,27 +15,19 @@ from zoac.core.errors import ConfigError
 class Status(enum.IntEnum):
     """How a solve ended; `sentence` says it to a person, with the remedy."""
 
-    SOLVED = 0
-    INACCURATE = 1
-    ITERATION_LIMIT = 2
-    NUMERICAL_FAILURE = 3
-    NOT_FINITE = 4
-    INFEASIBLE = 5
+    sentence: str
 
-    @property
-    def sentence(self) -> str:
-        """The status as a sentence."""
-        return _SENTENCES[self]
+    def __new__(cls, value: int, sentence: str = "") -> Status:
+        member = int.__new__(cls, value)
+        member._value_, member.sentence = value, sentence
+        return member
 
-
-_SENTENCES = {
-    Status.SOLVED: "The problem was solved to tolerance.",
-    Status.INACCURATE: "The solver stopped near the solution, short of its tolerance.",
-    Status.ITERATION_LIMIT: "The solver used all its iterations; raise its limit.",
-    Status.NUMERICAL_FAILURE: "The solver failed numerically; the weights may be too far apart.",
-    Status.NOT_FINITE: "The problem's data are not finite; the model left its valid range.",
-    Status.INFEASIBLE: "No plan keeps the hard bounds; widen them or make them soft.",
-}
+    SOLVED = 0, "The problem was solved to tolerance."
+    INACCURATE = 1, "The solver stopped near the solution, short of its tolerance."
+    ITERATION_LIMIT = 2, "The solver used all its iterations; raise its limit."
+    NUMERICAL_FAILURE = 3, "The solver failed numerically; the weights may be too far apart."
+    NOT_FINITE = 4, "The problem's data are not finite; the model left its valid range."
+    INFEASIBLE = 5, "No plan keeps the hard bounds; widen them or make them soft."
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -236,11 +236,8 @@ class SequentialQp:
             if posed < self._limit and (ends is None or not ends.any()):
                 before = following
                 continue
-            inputs[env_indices], status[env_indices], count[env_indices] = (
-                after,
-                attempt.status,
-                posed,
-            )
+            inputs[env_indices], status[env_indices] = after, attempt.status
+            count[env_indices] = posed
             if posed == self._limit or ends is None or ends.all():
                 break
             on = ~ends

@@ -5,7 +5,6 @@ Specs are judged over whole episodes: segments that begin an episode and end it.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -47,7 +46,6 @@ class Judge:
         check(specs, signals, sample_time)
         self._specs = tuple(specs)
         self._signals, self._sample_time = signals, sample_time or 1.0
-        self._soft = [i for i, spec in enumerate(self._specs) if not spec.hard]
         self._max_episode_steps, self._parameters = max_episode_steps, parameters
         self._of_loops: dict[bytes, list[float]] = {}  # of the latest parameters
 
@@ -64,12 +62,13 @@ class Judge:
         values = tuple(
             next(of_loops) if spec.of_loop else spec.of_episode(episode) for spec in self._specs
         )
-        violations = map(Spec.violation_of, self._specs, repeat(episode), values)
+        pairs = list(zip(self._specs, values, strict=True))
+        violation = sum(spec.violation_of(episode, value) for spec, value in pairs)
         costs = segment.costs
-        if self._soft:
+        if soft := [spec.weight * value for spec, value in pairs if not spec.hard]:
             costs = np.zeros(segment.length)
-            costs[-1] = sum(self._specs[i].weight * values[i] for i in self._soft)
-        return replace(segment, costs=costs, spec_values=values, violation=sum(violations))
+            costs[-1] = sum(soft)
+        return replace(segment, costs=costs, spec_values=values, violation=violation)
 
     def episode(self, segment: Segment) -> Episode:
         """Return the signals of a whole episode; none of one that ended early."""
@@ -110,12 +109,9 @@ def check(specs: Sequence[Spec], signals: Mapping[str, Signal], sample_time: flo
             raise ConfigError(f"specs: {label} is there twice")
         for name in spec.signals:
             if name not in signals:
-                told = (
-                    suggest(name, signals)
-                    if signals
-                    else (f"name it: signals={{{name!r}: zoac.observation(0)}}")
-                )
-                raise ConfigError(f"{spec}: no signal {name!r}; {told}")
+                hint = f"name it: signals={{{name!r}: zoac.observation(0)}}"
+                hint = suggest(name, signals) if signals else hint
+                raise ConfigError(f"{spec}: no signal {name!r}; {hint}")
         numbers = [signals[name].number for name in spec.signals]
         if numbers and None not in numbers:
             raise ConfigError(

@@ -7,7 +7,7 @@ All take the names of signals first, which are `y`, `r` and `u` unless others ar
 keyword `max`, `min`, `over`, `weight` and `window`: see `zoac.specs.Spec`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from zoac.core.errors import ConfigError
@@ -16,20 +16,10 @@ from zoac.specs import loops, step_info
 from zoac.specs.spec import Loop, Spec
 
 
-def _of(name: str, signals: tuple[str, ...], options: Mapping[str, Any], limits: Mapping[str, Any],
-        unit: str = "", timed: bool = False) -> Spec:  # fmt: skip
-    limits = dict(limits)
+def _of(name: str, *signals: str, limits: dict[str, Any], **others: Any) -> Spec:
     if isinstance(window := limits.get("window"), list):  # from a YAML file
         limits["window"] = tuple(window)
-    figure, beyond = getattr(step_info, name), BEYOND.get(name)
-    return Spec(name, signals, figure, options, unit=unit, timed=timed, beyond=beyond, **limits)
-
-
-BEYOND: dict[str, Callable[..., float]] = {
-    "settling_time": step_info.never_settled,
-    "rise_time": step_info.never_rose,
-}
-"""What grades a figure that is infinite, by its name; see `Spec`."""
+    return Spec(name, signals, getattr(step_info, name), **others, **limits)
 
 
 PERCENT = 2.0
@@ -52,7 +42,7 @@ def overshoot(y: str = "y", r: str = "r", **limits: Any) -> Spec:
         raise ConfigError(
             f"overshoot: max={most!r} is {100 * most:g}% of the step; write 5% as max=0.05"
         )
-    return _of("overshoot", (y, r), {}, limits)
+    return _of("overshoot", y, r, limits=limits)
 
 
 def settling_time(y: str = "y", r: str = "r", band: float = 0.02, **limits: Any) -> Spec:
@@ -66,54 +56,57 @@ def settling_time(y: str = "y", r: str = "r", band: float = 0.02, **limits: Any)
             f"settling_time: band={band!r}, expected a fraction of the step, such as 0.02; the "
             "limit in seconds is max="
         )
-    return _of("settling_time", (y, r), {"band": band}, limits, "s", timed=True)
+    return _of("settling_time", y, r, limits=limits, options={"band": band}, unit="s", timed=True,
+               beyond=step_info.never_settled)  # fmt: skip
 
 
 def rise_time(
     y: str = "y", r: str = "r", low: float = 0.1, high: float = 0.9, **limits: Any
 ) -> Spec:
     """Require the time [s] that `y` takes from `low` to `high` of the step."""
-    return _of("rise_time", (y, r), {"low": low, "high": high}, limits, "s", timed=True)
+    options = {"low": low, "high": high}
+    return _of("rise_time", y, r, limits=limits, options=options, unit="s", timed=True,
+               beyond=step_info.never_rose)  # fmt: skip
 
 
 def steady_state_error(y: str = "y", r: str = "r", last: float = 0.1, **limits: Any) -> Spec:
     """Require the mean absolute error over the last part `last` of the episode."""
-    return _of("steady_state_error", (y, r), {"last": last}, limits)
+    return _of("steady_state_error", y, r, limits=limits, options={"last": last})
 
 
 def peak(y: str = "y", **limits: Any) -> Spec:
     """Require the largest magnitude of `y`."""
-    return _of("peak", (y,), {}, limits)
+    return _of("peak", y, limits=limits)
 
 
 def iae(y: str = "y", r: str = "r", **limits: Any) -> Spec:
     """Require the integral over time [s] of the absolute error."""
-    return _of("iae", (y, r), {}, limits, timed=True)
+    return _of("iae", y, r, limits=limits, timed=True)
 
 
 def ise(y: str = "y", r: str = "r", **limits: Any) -> Spec:
     """Require the integral over time [s] of the squared error."""
-    return _of("ise", (y, r), {}, limits, timed=True)
+    return _of("ise", y, r, limits=limits, timed=True)
 
 
 def itae(y: str = "y", r: str = "r", **limits: Any) -> Spec:
     """Require the integral over time [s] of time times the absolute error."""
-    return _of("itae", (y, r), {}, limits, timed=True)
+    return _of("itae", y, r, limits=limits, timed=True)
 
 
 def rms(y: str = "y", **limits: Any) -> Spec:
     """Require the root of the mean square of `y`."""
-    return _of("rms", (y,), {}, limits)
+    return _of("rms", y, limits=limits)
 
 
 def total_variation(u: str = "u", **limits: Any) -> Spec:
     """Require the sum of the absolute changes of `u` from sample to sample."""
-    return _of("total_variation", (u,), {}, limits)
+    return _of("total_variation", u, limits=limits)
 
 
 def rate(u: str = "u", **limits: Any) -> Spec:
     """Require the largest change of `u` per second."""
-    return _of("rate", (u,), {}, limits, "1/s", timed=True)
+    return _of("rate", u, limits=limits, unit="1/s", timed=True)
 
 
 def _of_loop(name: str, loop: Loop | None, limits: Mapping[str, Any], unit: str = "") -> Spec:

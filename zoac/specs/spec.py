@@ -80,7 +80,7 @@ class Spec:
                 raise ConfigError(f"{self}: {side}={limit!r}, expected a finite number")
         if self.max is not None and self.min is not None and self.min > self.max:
             raise ConfigError(f"{self}: min={self.min} lies above max={self.max}")
-        if self.over is not None and not _is_over(self.over):
+        if self.over not in (None, "worst", "mean") and not _is_cvar(self.over):
             raise ConfigError(f"{self}: over={self.over!r}; expected 'worst', 'mean' or cvar(0.9)")
         if not (is_number(self.weight) and math.isfinite(self.weight) and self.weight > 0):
             raise ConfigError(f"{self}: weight={self.weight!r}, expected a number above 0")
@@ -120,11 +120,14 @@ class Spec:
         return not self.signals
 
     @property
+    def _over(self) -> Over:
+        return self.over or ("worst" if self.hard else "mean")
+
+    @property
     def limit(self) -> str:
         """The limit for people to read; empty for a soft spec."""
-        sides = [] if self.min is None else [f">= {self.min:g}"]
-        sides += [] if self.max is None else [f"<= {self.max:g}"]
-        text = " and ".join(sides)
+        pairs = ((">=", self.min), ("<=", self.max))
+        text = " and ".join(f"{sign} {limit:g}" for sign, limit in pairs if limit is not None)
         return f"{text} {self.unit}" if text and self.unit else text
 
     @property
@@ -193,11 +196,7 @@ class Spec:
         Raises:
             ConfigError: If the loop cannot be made, or is none of a single input and output.
         """
-        if self.loop is None:
-            raise ConfigError(
-                f"{self}: expected loop=, a function of the parameters that returns the open loop "
-                "as a system of python-control"
-            )
+        assert self.loop is not None  # see `zoac.specs.judge.check`
         try:
             return self._number(self.figure(self.loop(parameters), **self.options))
         except KeyError as error:
@@ -225,11 +224,10 @@ class Spec:
     def over_episodes(self, values: Sequence[float]) -> float:
         """Return one value, by `over`, from those of the episodes (E,)."""
         array = np.asarray(values, dtype=np.float64)
-        over = self.over or ("worst" if self.hard else "mean")
+        over = self._over
         if over == "mean":
             with np.errstate(invalid="ignore"):  # plus and minus infinity
-                mean = float(array.mean())
-            return self.worst if math.isnan(mean) else mean
+                return self._number(array.mean())
         if over == "worst":
             return self._most_binding(array.tolist())
         ordered = np.sort(array) if self.worst < 0 else np.sort(array)[::-1]
@@ -256,7 +254,7 @@ class Spec:
 
     def told(self) -> str:
         """Return all that tells this spec from others beside its functions, in one line."""
-        over = self.over or ("worst" if self.hard else "mean")
+        over = self._over
         counted = over if isinstance(over, str) else f"cvar({over[1]:g})"
         weight = "" if self.hard else f", weight {self.weight!r}"
         limits = f"min={self.min!r}, max={self.max!r}" if self.hard else "objective"
@@ -267,10 +265,8 @@ def _graded(excess: float) -> float:
     return 1.0 + excess / (1.0 + excess) if excess > 0 else 0.0
 
 
-def _is_over(over: Any) -> bool:
-    return over in ("worst", "mean") or (
-        isinstance(over, tuple) and len(over) == 2 and over == cvar(over[1])
-    )
+def _is_cvar(over: Any) -> bool:
+    return isinstance(over, tuple) and len(over) == 2 and over == cvar(over[1])
 
 
 def _is_window(window: Any) -> bool:

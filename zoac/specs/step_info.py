@@ -19,8 +19,9 @@ def overshoot(t: np.ndarray, y: np.ndarray, r: Samples) -> float:
     if not _finite(y, r):
         return np.inf
     step = _last(r) - y[0]
-    beyond = np.max((y - _last(r)) * np.sign(step)) if step else np.max(np.abs(y - _last(r)))
-    return _fraction(max(0.0, float(beyond)), step)
+    if step == 0:
+        return np.inf if (y != y[0]).any() else 0.0
+    return max(0.0, float(np.max((y - _last(r)) * np.sign(step)))) / abs(step)
 
 
 def settling_time(t: np.ndarray, y: np.ndarray, r: Samples, band: float = 0.02) -> float:
@@ -129,12 +130,6 @@ def _error(y: np.ndarray, r: Samples) -> np.ndarray:
 
 def _last(r: Samples) -> float:
     return float(np.asarray(r, dtype=np.float64).reshape(-1)[-1])
-
-
-def _fraction(amount: float, step: float) -> float:
-    if amount == 0:
-        return 0.0
-    return amount / abs(step) if step else np.inf
 
 
 def _integral(t: np.ndarray, values: np.ndarray) -> float:

@@ -50,27 +50,36 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
 
 
 def judged(
-    specs: Sequence[Spec], trace: pd.DataFrame
-) -> tuple[float | None, float, dict[str, float]]:
-    """Return the objective, the violation and the value of each spec by its label.
+    specs: Sequence[Spec], trace: pd.DataFrame, cost: Any
+) -> tuple[Any, float, dict[str, float]]:
+    """Return the cost of a trace, the violation and the value of each spec by its label.
 
     Args:
-        specs: Hard ones, and soft ones, whose weighted sum is the objective.
+        specs: Hard ones, and soft ones, whose weighted sum is the cost.
         trace: A table as for `episode_of`.
-
-    Returns:
-        The objective is None without a soft spec.
+        cost: The cost if all specs are hard, else None.
 
     Raises:
-        ConfigError: If a signal is missing, or the trace cannot be used.
+        ConfigError: If a signal is missing, the trace cannot be used, or not exactly one of cost
+            and soft specs is there.
     """
+    if not specs:
+        raise ConfigError("a trace needs specs to judge it; give the study specs=[...]")
     episode = episode_of(trace, [name for spec in specs for name in spec.signals])
     values = [spec.of_episode(episode) for spec in specs]
     pairs = list(zip(specs, values, strict=True))
     soft = [spec.weight * value for spec, value in pairs if not spec.hard]
+    if not soft and cost is None:
+        raise ConfigError(
+            "a trace needs a cost beside it, since every spec of the study has a limit"
+        )
+    if soft and cost is not None:
+        raise ConfigError(
+            "the cost comes from the specs without a limit; give none beside the trace"
+        )
     violation = sum(spec.violation_of(episode, value) for spec, value in pairs)
     named = {spec.label: value for spec, value in pairs}
-    return (math.fsum(soft) if soft else None), float(violation), named
+    return (math.fsum(soft) if soft else cost), float(violation), named
 
 
 def as_plain(spec: Spec) -> dict[str, Any]:
@@ -79,11 +88,14 @@ def as_plain(spec: Spec) -> dict[str, Any]:
     Raises:
         ConfigError: If it is not one of `zoac.specs` that look at signals.
     """
+    if not isinstance(spec, Spec):
+        raise ConfigError(
+            f"specs: {spec!r} is no spec; expected such as zoac.specs.overshoot('y', 'r')"
+        )
     if spec.figure is not getattr(step_info, spec.name, None):
         raise ConfigError(f"{spec}: a trace is judged by a figure of zoac.specs over signals")
-    limits = {name: getattr(spec, name) for name in LIMITS}
-    given = {name: value for name, value in limits.items() if value is not None}
-    return {"name": spec.name, "signals": list(spec.signals), **spec.options, **given}
+    limits = {name: limit for name in LIMITS if (limit := getattr(spec, name)) is not None}
+    return {"name": spec.name, "signals": list(spec.signals), **spec.options, **limits}
 
 
 def from_plain(given: Mapping[str, Any]) -> Spec:
@@ -96,12 +108,11 @@ def from_plain(given: Mapping[str, Any]) -> Spec:
         raise ConfigError(f"{given!r} is no spec; expected name, signals and if wanted max or min")
     options = dict(given)
     name, signals = options.pop("name"), options.pop("signals")
-    make = getattr(requirements, str(name), None)
-    if make is None or not hasattr(step_info, str(name)):
-        known = [known for known in vars(requirements) if hasattr(step_info, known)]
+    known = {k: v for k, v in vars(requirements).items() if k[0] != "_" and hasattr(step_info, k)}
+    if str(name) not in known:
         raise ConfigError(f"unknown spec {name!r}; {suggest(str(name), known)}")
     try:
-        spec: Spec = make(*signals, **options)
+        spec: Spec = known[str(name)](*signals, **options)
     except TypeError as error:
         raise ConfigError(f"spec {name!r}: {error}") from None
     return spec

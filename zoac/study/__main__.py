@@ -7,13 +7,10 @@ python -m zoac.study tell rig 1 --cost 3.4
 `python -m zoac.study --help` lists all commands. Python has the same as `zoac.Study`.
 """
 
-from __future__ import annotations
-
 import sys
 
 from zoac.run.pipes import reader_may_leave
 from zoac.study.commands import command
-from zoac.study.study import Study as Study
 
 
 @reader_may_leave()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import queue
 import shlex
 import sys
 import tempfile
@@ -114,66 +113,47 @@ def carry_out(study: Study, cost: Cost, *, quiet: bool = True) -> None:
     Raises:
         NothingWorksError: If each of the first ten experiments failed.
     """
-    work, workers = _Work(study, cost, quiet), study.settings.workers
-    if workers == 1:
-        work.run()
-        return
-    with ThreadPoolExecutor(workers) as pool:
-        try:
-            for future in as_completed([pool.submit(work.run) for _ in range(workers)]):
-                future.result()
-        finally:
-            work.stop()
+    workers, total = study.settings.workers, study.settings.experiments
+    left, stopped = iter(study.pending), threading.Event()
 
-
-class _Work:
-    """What the threads share."""
-
-    def __init__(self, study: Study, cost: Cost, quiet: bool) -> None:
-        self._study, self._cost, self._quiet = study, cost, quiet
-        self._left: queue.SimpleQueue[Trial] = queue.SimpleQueue()
-        for trial in study.pending:
-            self._left.put(trial)
-        self._stopped = threading.Event()
-
-    def stop(self) -> None:
-        """Ask for no more experiments, and kill programs."""
-        self._stopped.set()
-        if isinstance(self._cost, Program):
-            self._cost.stop()
-
-    def run(self) -> None:
-        """Run one experiment after the other until none is left."""
-        while not self._stopped.is_set():
+    def work() -> None:
+        while not stopped.is_set():
             try:
-                trial = self._next()
+                trial = next(left, None) or study.ask(wait=0.2)
             except TrialsPending:
                 continue
             except StudyFinished:
                 return
-            result = self._result(trial)
-            if self._stopped.is_set():
+            result = _result(study, cost, trial)
+            if stopped.is_set():
                 return
-            ended = self._study.tell(trial, **result)
-            if not self._quiet:
-                total = self._study.settings.experiments
+            ended = study.tell(trial, **result)
+            if not quiet:
                 print(f"experiment {ended.number} of {total}: {_line(told(ended))}", flush=True)
 
-    def _next(self) -> Trial:
-        with suppress(queue.Empty):
-            return self._left.get_nowait()
-        return self._study.ask(wait=0.2)
-
-    def _result(self, trial: Trial) -> dict[str, Any]:
-        """Return what to tell of a trial, as arguments of `Study.tell`."""
+    if workers == 1:
+        work()
+        return
+    with ThreadPoolExecutor(workers) as pool:
         try:
-            answer = self._cost(dict(trial.parameters))
-            measured(answer, self._study.settings.limits)
-        except (ProgramError, ConfigError) as error:
-            return {"failed": str(error)}
-        except Exception as error:  # whatever a user's function raises
-            return {"failed": f"{type(error).__name__}: {error}"}
-        return {"cost": answer}
+            for future in as_completed([pool.submit(work) for _ in range(workers)]):
+                future.result()
+        finally:
+            stopped.set()
+            if isinstance(cost, Program):
+                cost.stop()
+
+
+def _result(study: Study, cost: Cost, trial: Trial) -> dict[str, Any]:
+    """Return what to tell of a trial, as arguments of `Study.tell`."""
+    try:
+        answer = cost(dict(trial.parameters))
+        measured(answer, study.settings.limits)
+    except (ProgramError, ConfigError) as error:
+        return {"failed": str(error)}
+    except Exception as error:  # whatever a user's function raises
+        return {"failed": f"{type(error).__name__}: {error}"}
+    return {"cost": answer}
 
 
 def _interrupted(study: Study, again: str) -> Interrupted:

@@ -129,10 +129,6 @@ def _numbers(given: Sequence[str] | None, option: str) -> dict[str, float]:
     return numbers
 
 
-def _opened(folder: str) -> Study:
-    return Study(folder=folder)
-
-
 def _ask(options: argparse.Namespace) -> dict[str, Any]:
     trial = options.study.ask(by=options.by, wait=options.wait)
     return {"number": trial.number, "parameters": trial.parameters}
@@ -203,7 +199,8 @@ def _parser() -> argparse.ArgumentParser:
         if run is _create:
             added.add_argument("folder", help="of the study")
         else:
-            added.add_argument("study", type=_opened, metavar="folder", help="of the study")
+            added.add_argument("study", type=lambda folder: Study(folder=folder), metavar="folder",
+                               help="of the study")  # fmt: skip
         return added
 
     create = add("create", _create, "begin a study")

@@ -122,21 +122,18 @@ class Proposals:
                 "result yet; tell or abandon them"
             )
         for proposal, trial in zip(self.batch, trials, strict=True):
-            self._refuse_other(proposal, trial)
+            x = self._settings.space.clip(proposal.x)
+            if not np.allclose(x, trial.x, rtol=0.0, atol=DRIFT):
+                raise RunFolderError(
+                    f"trial {trial.number} has other parameters than tuner "
+                    f"{self._settings.tuner!r} proposes here and now for the same results. Go on "
+                    "with the versions that run.json names, or start a new study"
+                )
         if len(self._places):
             segments = [segment(p, t) for p, t in zip(self.batch, trials, strict=True)]
             self.tuner.tell([segments[place] for place in self._places])
         self._first += len(self.batch)
         self.batch, self._places = self._next()
-
-    def _refuse_other(self, proposal: Proposal, trial: Trial) -> None:
-        x = self._settings.space.clip(proposal.x)
-        if not np.allclose(x, trial.x, rtol=0.0, atol=DRIFT):
-            raise RunFolderError(
-                f"trial {trial.number} has other parameters than tuner {self._settings.tuner!r} "
-                "proposes here and now for the same results. Go on with the versions that run.json "
-                "names, or start a new study"
-            )
 
 
 def check(settings: StudySettings) -> Tuner:

@@ -109,7 +109,7 @@ class Mpc:
         for name, value in model.parameters.items():
             numbers.add("model", name, value)
         self.programme = Programme(
-            model, horizon, numbers, weights=weights, terminal=terminal, rate_weights=rate_weights,
+            model, numbers, weights=weights, terminal=terminal, rate_weights=rate_weights,
             bounds=bounds, rate_bounds=rate_bounds, hard=hard, penalty=penalty, discount=discount,
         )  # fmt: skip
         self.reference = Reference(reference, model.states, model.inputs, horizon, numbers)

@@ -57,10 +57,8 @@ class Numbers:
                     raise ConfigError(f"{name} is 0, no scale for bounds; give space({name}=(...))")
         for name, given in bounds.items():
             self._value(name, known)
-            fields = dict(given) if isinstance(given, Mapping) else dict(
-                zip(("low", "high", "scale", "unit"), given, strict=False)
-            )  # fmt: skip
-            found[name] = fields
+            by_place = zip(("low", "high", "scale", "unit"), given, strict=False)
+            found[name] = dict(given if isinstance(given, Mapping) else by_place)
         for name, fields in found.items():
             fields.setdefault("baseline", self.values[name])
             if not fields["low"] <= fields["baseline"] <= fields["high"]:

@@ -24,7 +24,6 @@ class Programme:
     def __init__(
         self,
         model: Any,
-        horizon: int,
         numbers: Numbers,
         *,
         weights: Mapping[Any, float],
@@ -42,7 +41,7 @@ class Programme:
         Raises:
             ConfigError: If something cannot be used.
         """
-        self._model, self._horizon = model, horizon
+        self._model = model
         self._states, self._inputs = states, inputs = tuple(model.states), tuple(model.inputs)
         every = (*states, *inputs)
         self._weight = Matrix("weight", by_name("weights", weights, every), every, numbers)
@@ -250,9 +249,8 @@ class Programme:
     ) -> StateBounds | None:
         if not self.bounded(tuned):
             return None
-        n = len(weights)
-        low, high = np.full((n, outputs.size), -np.inf), np.full((n, outputs.size), np.inf)
-        penalty = np.full((n, outputs.size), np.inf)
+        none = np.full((len(weights), outputs.size), np.inf)
+        low, high, penalty = -none, none, none.copy()
         for name, number in self._max_rates.items():
             place = outputs.rate.start + self.rates.index(self._inputs.index(name))
             low[:, place], high[:, place] = -values[number], values[number]

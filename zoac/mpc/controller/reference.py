@@ -31,7 +31,8 @@ class Reference:
         Raises:
             ConfigError: If a name is unknown, or a value is neither number nor slice.
         """
-        self._function = given if callable(given) else None
+        self.function = given if callable(given) else None
+        """The function of observations that computes it, if one does."""
         self._shape = horizon, len(states)
         self._columns: dict[int, slice] = {}
         self._constants: list[tuple[int, str]] = []
@@ -48,10 +49,8 @@ class Reference:
                 self._inputs.append((inputs.index(name), number))
         self.of_inputs = frozenset(inputs[j] for j, _ in self._inputs)
         """Names of the inputs that have one."""
-        self.is_function = callable(given)
-        """Whether a function of observations computes it."""
         self._count = len(inputs)
-        if self._function is None and given is not None and not entries:
+        if self.function is None and given is not None and not entries:
             raise ConfigError("reference={}: expected numbers or slices by name, or a function")
 
     @property
@@ -71,8 +70,8 @@ class Reference:
         inputs = np.zeros((n, self._count))
         for j, name in self._inputs:
             inputs[:, j] = values[name]
-        if self._function is not None:
-            found = np.asarray(self._function(obs), dtype=np.float64)
+        if self.function is not None:
+            found = np.asarray(self.function(obs), dtype=np.float64)
             try:
                 return np.broadcast_to(found, (n, horizon, nx)).copy(), inputs
             except ValueError:

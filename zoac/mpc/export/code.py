@@ -1,8 +1,6 @@
 """The C file: CasADi's generated functions, and the loop around them."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import casadi
 import numpy as np
@@ -114,6 +112,12 @@ int mpc_step(mpc_state *s, const double *observation, double *action)
 }}
 """
 
+DECLARATIONS = """\
+enum {{ MPC_OBSERVATION = {observation}, MPC_INPUTS = {nu} }};
+typedef struct {{ double plan[{plan}], input[{nu}]; }} mpc_state;
+void mpc_init(mpc_state *s);
+int mpc_step(mpc_state *s, const double *observation, double *action);"""
+
 GUESS = {
     "zero": "        s->plan[i] = mpc_rest[i % MPC_INPUTS];",
     "shifted": "        if (i + MPC_INPUTS < {plan}) s->plan[i] = s->plan[i + MPC_INPUTS];",
@@ -139,48 +143,31 @@ def _code(embedded: EmbeddedMpc) -> str:
     nu, horizon = len(embedded.rest), embedded.options.horizon
     plan, m = nu * horizon, len(soft)
     parts = problem, *functions(problem.sparsity_out(2), soft)
-    sizes: Mapping[str, Any] = {
-        "rest": _numbers(embedded.rest),
-        "before": _numbers(embedded.initial_input),
-        "low": _numbers(embedded.box[0]),
-        "high": _numbers(embedded.box[1]),
-        "hessian": plan * plan,
-        "plan": plan,
-        "rows": parts[0].nnz_out(2),
-        "m": m,
-        "state": plan + 4 * m,
-        "arg": max(part.sz_arg() for part in parts),
-        "res": max(part.sz_res() for part in parts),
-        "iw": max(1, *(part.sz_iw() for part in parts)),
-        "w": max(1, *(part.sz_w() for part in parts)),
-        "iterations": ITERATIONS,
-        "solved": SOLVED,
-        "enough": ENOUGH,
-        "linearisations": embedded.options.linearisations,
-    }
-    return TEMPLATE.format(
-        declarations=_declarations(embedded.observation, nu, plan),
-        generated=_generated(parts),
-        guess=GUESS[embedded.options.initial_guess].format(plan=plan),
-        **sizes,
-    )
-
-
-def _declarations(observation: int, nu: int, plan: int) -> str:
-    return (
-        f"enum {{ MPC_OBSERVATION = {observation}, MPC_INPUTS = {nu} }};\n"
-        f"typedef struct {{ double plan[{plan}], input[{nu}]; }} mpc_state;\n"
-        "void mpc_init(mpc_state *s);\n"
-        "int mpc_step(mpc_state *s, const double *observation, double *action);"
-    )
-
-
-def _generated(parts: tuple[Any, ...]) -> str:
-    """Return the functions mpc_programme, mpc_begin and mpc_iterate, as CasADi writes them."""
-    code = casadi.CodeGenerator("mpc_casadi", {"casadi_int": "int"})
+    generated = casadi.CodeGenerator("mpc_casadi", {"casadi_int": "int"})
     for part in parts:
-        code.add(part)
-    return code.dump()
+        generated.add(part)
+    return TEMPLATE.format(
+        declarations=DECLARATIONS.format(observation=embedded.observation, nu=nu, plan=plan),
+        generated=generated.dump(),
+        guess=GUESS[embedded.options.initial_guess].format(plan=plan),
+        rest=_numbers(embedded.rest),
+        before=_numbers(embedded.initial_input),
+        low=_numbers(embedded.box[0]),
+        high=_numbers(embedded.box[1]),
+        hessian=plan * plan,
+        plan=plan,
+        rows=problem.nnz_out(2),
+        m=m,
+        state=plan + 4 * m,
+        arg=max(part.sz_arg() for part in parts),
+        res=max(part.sz_res() for part in parts),
+        iw=max(1, *(part.sz_iw() for part in parts)),
+        w=max(1, *(part.sz_w() for part in parts)),
+        iterations=ITERATIONS,
+        solved=SOLVED,
+        enough=ENOUGH,
+        linearisations=embedded.options.linearisations,
+    )
 
 
 def _numbers(values: np.ndarray) -> str:

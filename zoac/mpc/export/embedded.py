@@ -109,21 +109,17 @@ def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -
         ConfigError: If something of it has no form in C.
     """
     programme, reference, state = mpc.programme, mpc.reference, mpc.columns
-    for what, instead, is_function in (
-        ("state", "columns", state is None),
-        ("reference", "numbers or slices", reference.is_function),
-    ):
-        if is_function:
-            raise ConfigError(
-                f"export to C: {what}=... is a function of Python's; give {instead} of the "
-                "observation"
-            )
+    if state is None or reference.function is not None:
+        what = "state" if state is None else "reference"
+        instead = "columns" if state is None else "numbers or slices"
+        raise ConfigError(
+            f"export to C: {what}=... is a function of Python's; give {instead} of the observation"
+        )
     if programme.of_regulator and reference.columns:
         raise ConfigError(
             "export to C: terminal='riccati' changes with a reference that is observed; give "
             "terminal weights by name"
         )
-    assert state is not None
     length = _length(state, reference) if observation is None else observation
     values = mpc.numbers.rows({k: np.full(1, v) for k, v in parameters.items()}, 1)
     outputs = programme.outputs(reference.of_inputs)

@@ -77,13 +77,15 @@ class FunctionModel(Dynamics):
             ConfigError: In the first call, if the Jacobians are not those of the function.
         """
         way = self._jacobians if isinstance(self._jacobians, str) else "given"
-        states, a, b = self._along(way, theta, start, inputs)
+        states, ab = self._along(way, theta, start, inputs)
         if way == "given":
-            self._write_given(theta, states, inputs, a, b)
+            self._write_given(theta, states, inputs, ab)
         if not self._checked and len(start):
-            self._check(theta, start, inputs, states, a, b)
+            _, expected = self._along("finite", theta[:1], start[:1], inputs[:1])
+            self._check(ab[0], expected[0], states[0])
             self._checked = True
-        return states, a, b
+        nx = start.shape[1]
+        return states, np.ascontiguousarray(ab[..., :nx]), np.ascontiguousarray(ab[..., nx:])
 
     def predict(self, theta: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """Return F_theta(states (n, nx), inputs (n, nu)) (n, nx)."""
@@ -91,8 +93,8 @@ class FunctionModel(Dynamics):
 
     def _along(
         self, way: str, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Roll out, with Jacobians by small differences; of "given" ones, leave them zero."""
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return states and Jacobians (n, N, nx, nx + nu) of a rollout; "given" ones are zero."""
         n, horizon, nu = inputs.shape
         nx = start.shape[1]
         states = np.empty((n, horizon + 1, nx))
@@ -103,45 +105,31 @@ class FunctionModel(Dynamics):
         with np.errstate(all="ignore"):
             for row in range(n):
                 self._rollout(way, theta[row], inputs[row], states[row], ab[row])
-        return states, np.ascontiguousarray(ab[..., :nx]), np.ascontiguousarray(ab[..., nx:])
+        return states, ab
 
     def _write_given(
-        self,
-        theta: np.ndarray,
-        states: np.ndarray,
-        inputs: np.ndarray,
-        a: np.ndarray,
-        b: np.ndarray,
+        self, theta: np.ndarray, states: np.ndarray, inputs: np.ndarray, ab: np.ndarray
     ) -> None:
         x, u, p = self.tuples()
+        nx = states.shape[2]
         for row in range(len(inputs)):
             numbers = p(theta[row])
             for k in range(inputs.shape[1]):
                 point = x(states[row, k]), u(inputs[row, k]), numbers
-                a[row, k], b[row, k] = self._jacobians(*point)  # type: ignore[operator]
+                a, b = self._jacobians(*point)  # type: ignore[operator]
+                ab[row, k, :, :nx], ab[row, k, :, nx:] = a, b
 
-    def _check(
-        self,
-        theta: np.ndarray,
-        start: np.ndarray,
-        inputs: np.ndarray,
-        states: np.ndarray,
-        a: np.ndarray,
-        b: np.ndarray,
-    ) -> None:
-        _, a_too, b_too = self._along("finite", theta[:1], start[:1], inputs[:1])
-        found = np.concatenate([a[0], b[0]], axis=2)
-        told = np.concatenate([a_too[0], b_too[0]], axis=2)
-        size = np.maximum(np.abs(told).max(axis=2, keepdims=True), 1.0)
-        size = np.maximum(size, np.abs(states[0, :-1]).max(initial=0.0))
-        wrong = np.argwhere(np.abs(found - told) > AGREES * size)
+    def _check(self, found: np.ndarray, expected: np.ndarray, states: np.ndarray) -> None:
+        size = np.maximum(np.abs(expected).max(axis=2, keepdims=True), 1.0)
+        size = np.maximum(size, np.abs(states[:-1]).max(initial=0.0))
+        wrong = np.argwhere(np.abs(found - expected) > AGREES * size)
         if len(wrong):
             k, i, j = wrong[0]
             raise ConfigError(
                 f"model: at step {k} the Jacobian of {self.states[i]} in "
                 f"{(*self.states, *self.inputs)[j]} is {found[k, i, j]:.6g}, by finite differences "
-                f"{told[k, i, j]:.6g}; a complex step needs a function that is smooth and takes "
-                "complex numbers: else jacobians='finite'"
+                f"{expected[k, i, j]:.6g}; a complex step needs a function that is smooth and "
+                "takes complex numbers: else jacobians='finite'"
             )
 
 

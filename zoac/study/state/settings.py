@@ -91,7 +91,7 @@ def new_settings(
             "fixed": fixed,
             "baseline": values or None,
             "limits": _limits(constraints),
-            "specs": [_plain(spec) for spec in specs],
+            "specs": [as_plain(spec) for spec in specs],
         },
         "tuner": {**node, **options},
         "seed": int(seed),
@@ -124,18 +124,12 @@ def _tuner(name: str, dimension: int, experiments: int, workers: int) -> str:
     return name
 
 
-def _plain(spec: Spec) -> dict[str, Any]:
-    if not isinstance(spec, Spec):
-        raise ConfigError(
-            f"specs: {spec!r} is no spec; expected such as zoac.specs.overshoot('y', 'r')"
-        )
-    return as_plain(spec)
-
-
 def _limits(constraints: Mapping[str, float] | None) -> dict[str, float]:
     if not isinstance(constraints, Mapping | None):
         raise ConfigError(f"constraints={constraints!r}: expected limits by name")
+    limits = {}
     for name, limit in (constraints or {}).items():
         if not is_number(limit) or not math.isfinite(limit):
             raise ConfigError(f"constraint {name!r}: limit={limit!r}, expected a finite number")
-    return {name: float(limit) for name, limit in (constraints or {}).items()}
+        limits[name] = float(limit)
+    return limits

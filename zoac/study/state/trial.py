@@ -90,7 +90,7 @@ def measured(
     """
     excess, of_specs = 0.0, dict[str, float]()
     if trace is not None:
-        answer, excess, of_specs = _judged(trace, specs, answer)
+        answer, excess, of_specs = judged(specs, trace, answer)
     if not isinstance(answer, Mapping):
         answer = {"cost": answer}
     for key in answer:
@@ -112,22 +112,6 @@ def measured(
     more = {"excess": excess, "metrics": numbers, "constraints": values, "specs": of_specs}
     row: dict[str, Any] = plain({"cost": cost, **{k: v for k, v in more.items() if v}})
     return row
-
-
-def _judged(
-    trace: pd.DataFrame, specs: Sequence[Spec], cost: Any
-) -> tuple[Any, float, dict[str, float]]:
-    """Return the cost of a trace, by how much it breaks hard specs, and each spec's value."""
-    if not specs:
-        raise ConfigError("a trace needs specs to judge it; give the study specs=[...]")
-    objective, excess, values = judged(specs, trace)
-    if (objective is None) == (cost is None):
-        raise ConfigError(
-            "a trace needs a cost beside it, since every spec of the study has a limit"
-            if cost is None
-            else "the cost comes from the specs without a limit; give none beside the trace"
-        )
-    return (cost if objective is None else objective), excess, values
 
 
 def _numbers(given: Any, kind: str) -> dict[str, float]:
