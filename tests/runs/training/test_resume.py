@@ -39,11 +39,10 @@ def names(group):
 
 def run(folder, *overrides):
     config = resolved(compose_config([*SMALL, *overrides]))
-    settings, task = factory.build_settings(config), factory.build_task(config)
     needs_its_library(config["tuner"]["_target_"])
-    tuner = factory.build_tuner(config["tuner"], task, settings)
     identity = {"task": "t", "tuner": "x", "seed": 0}
-    made = Run(identity, config, [], task, tuner, factory.build_executor(config), settings, [])
+    task = factory.build_task(config)
+    made = Run(config, task, identity=identity, command=[], loggers=[])
     return without_clocks(execute(made, folder))
 
 
