@@ -41,6 +41,7 @@ def test_a_small_run_keeps_its_budget_and_recommends_inside_the_box(tuner, task,
         return proposals
 
     run.tuner.ask = counted
+    assert all(isinstance(key, str) for key in run.tuner.describe())
     result = execute(run, tmp_path)
     if tuner == "nominal":
         assert result["env_steps"] == 0

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 from hydra.errors import HydraException
 
-from tests.support import needs_its_library
 from zoac.config import factory
 from zoac.config.compose import (
     check_overrides,
@@ -40,16 +39,6 @@ def test_every_choice_of_every_group_composes_and_builds(group, name):
     if config["task"]["_target_"] != factory.PROGRAM:
         factory.build_task(config)
     factory.build_executor(config)
-
-
-@pytest.mark.parametrize("tuner", names("tuner"))
-@pytest.mark.parametrize("task", [t for t in names("task") if t != "program"])
-def test_every_tuner_is_built_for_every_task(tuner, task):
-    config = resolved(compose_config([f"tuner={tuner}", f"task={task}"]))
-    needs_its_library(config["tuner"]["_target_"])
-    settings = factory.build_settings(config)
-    built = factory.build_tuner(config["tuner"], factory.build_task(config), settings)
-    assert all(isinstance(key, str) for key in built.describe())
 
 
 def test_table_3_reaches_the_tuner():

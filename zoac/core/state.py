@@ -110,8 +110,6 @@ class _Writer:
 
 
 class _Reader:
-    """Puts a state together again."""
-
     def __init__(self, arrays: dict[str, np.ndarray], objects: Callable[[], list[Any]]) -> None:
         self._arrays, self._objects = arrays, objects
 

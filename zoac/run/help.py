@@ -44,7 +44,6 @@ def usage() -> str:
 
 
 def _groups(folder: Path) -> list[str]:
-    """Return a line for each config group in `folder`: its name and its choices."""
     lines = []
     for group in sorted(path for path in folder.iterdir() if path.is_dir()):
         if group.name == "search":  # of `zoac.search`

@@ -58,7 +58,6 @@ def table(notes: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _folders(done: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return where the runs lie, and what makes a page about them."""
     variants = {note["variant"] for note in done}
     roots = {_root(note) for note in done}
     last = f"/variant={next(iter(variants))}" if len(variants) == 1 else "/variant=<...>"

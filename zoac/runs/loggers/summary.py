@@ -14,7 +14,6 @@ MAX_PARAMETERS = 10
 MAX_SHARE = 10.0
 """From here on a difference in percent of the baseline's cost says nothing."""
 
-
 ROUNDING = 1e-9
 """Of a mean: differences between equal episodes are below."""
 

@@ -125,7 +125,12 @@ def execute(run: Run, folder: Path, again: str = "the same command") -> dict[str
     run_folder.make(folder)
     with run_folder.held(folder):
         if run_folder.prepare(folder, run.config):
-            _refuse_doubtful(folder, run.doubts)
+            if run.doubts:
+                raise RunFolderError(
+                    f"{folder} holds a result, and whether it is of the same run cannot be told: "
+                    f"{'; '.join(run.doubts)}. Load it with zoac.load_result, choose another "
+                    "folder, or start anew with resume=overwrite"
+                )
             if not run.quiet:
                 print(f"{folder}: done already; resume=overwrite starts anew")
             return schema.read_result(folder)
@@ -162,7 +167,6 @@ def execute(run: Run, folder: Path, again: str = "the same command") -> dict[str
 
 
 def _tell_remarks(task: Task) -> None:
-    """Say what a user should know of the environment before the run."""
     env = task.make_env(1)
     env.close()
     for remark in env.remarks:
@@ -179,16 +183,6 @@ def _tell_what_differs(folder: Path, record: Mapping[str, Any]) -> None:
             "this run continues under other conditions than it began, so its numbers may differ: "
             + "; ".join(changed),
             file=sys.stderr,
-        )
-
-
-def _refuse_doubtful(folder: Path, doubts: Sequence[str]) -> None:
-    """Raise if nobody can tell whether the result in `folder` is this run's."""
-    if doubts:
-        raise RunFolderError(
-            f"{folder} holds a result, and whether it is of the same run cannot be told: "
-            f"{'; '.join(doubts)}. Load it with zoac.load_result, choose another folder, or start "
-            "anew with resume=overwrite"
         )
 
 
