@@ -62,7 +62,7 @@ class Job:
 
 @contextmanager
 def noted(
-    folder: Path, number: int, overrides: Sequence[str], identity: Mapping[str, Any] | None = None
+    folder: Path, number: int, overrides: Sequence[str], identity: Mapping[str, Any]
 ) -> Iterator[Job]:
     """Keep the note of one job, and print a line at its end.
 
@@ -78,7 +78,7 @@ def noted(
     job = Job(again=path.exists())
     folder.mkdir(parents=True, exist_ok=True)
     note = {"job": " ".join(overrides), "host": platform.node(), "pid": os.getpid()}
-    note |= {**(identity or {}), "more": _more(folder, overrides)}
+    note |= {**identity, "more": _more(folder, overrides)}
     named = sweep_table.name(note)
     write_json(path, {**note, "state": RUNNING})
     try:
