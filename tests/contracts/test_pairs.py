@@ -30,19 +30,18 @@ def test_a_small_run_keeps_its_budget_and_recommends_inside_the_box(tuner, task,
         "mpc_solver=riccati", "checkpoint_seconds=0",
     ]))  # fmt: skip
     needs_its_library(config["tuner"]["_target_"])
-    settings, the_task = factory.build_settings(config), factory.build_task(config)
-    the_tuner = factory.build_tuner(config["tuner"], the_task, settings)
+    the_task, identity = factory.build_task(config), {"task": task, "tuner": tuner, "seed": 0}
+    run = Run(config, the_task, identity=identity, command=[], loggers=[])
     batches = []
-    ask = the_tuner.ask
+    ask = run.tuner.ask
 
     def counted():
         proposals = ask()
         batches.append(sum(min(p.horizon or STEPS, STEPS) for p in proposals))
         return proposals
 
-    the_tuner.ask = counted
-    run = Run({"task": task, "tuner": tuner, "seed": 0}, config, [], the_task, the_tuner,
-              factory.build_executor(config), settings, [])  # fmt: skip
+    run.tuner.ask = counted
+    assert all(isinstance(key, str) for key in run.tuner.describe())
     result = execute(run, tmp_path)
     if tuner == "nominal":
         assert result["env_steps"] == 0

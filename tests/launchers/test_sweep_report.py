@@ -13,17 +13,22 @@ from zoac.run import sweep_report
 from zoac.run.sweep_report import keep_given, noted, report
 
 
+def job_of_sweep(folder, seed):
+    return noted(folder, seed, [f"seed={seed}"], {"task": "lqr", "tuner": "es", "seed": seed})
+
+
 def test_a_failure_is_noted_and_goes_no_further(tmp_path, capsys):
-    with noted(tmp_path, 0, ["seed=0"]):
+    with job_of_sweep(tmp_path, 0):
         pass
-    with noted(tmp_path, 1, ["seed=1"]):
+    with job_of_sweep(tmp_path, 1):
         raise ConfigError("num_envs=0: no environments")
-    with noted(tmp_path, 2, ["seed=2"]):
+    with job_of_sweep(tmp_path, 2):
         raise ZeroDivisionError("somewhere")
     told, all_done = report(tmp_path)
     assert told == (
         "1 job(s) of the sweep done\n2 job(s) of the sweep failed:\n"
-        "  seed=1: num_envs=0: no environments\n  seed=2: ZeroDivisionError: somewhere"
+        "  lqr es seed=1: num_envs=0: no environments\n"
+        "  lqr es seed=2: ZeroDivisionError: somewhere"
     )
     assert not all_done
     # Somebody's bug: the place of it is worth having, where the job ran and later.
@@ -32,15 +37,15 @@ def test_a_failure_is_noted_and_goes_no_further(tmp_path, capsys):
 
 
 def test_a_signal_is_noted_and_goes_on(tmp_path):
-    with pytest.raises(KeyboardInterrupt), noted(tmp_path, 0, ["seed=0"]):
+    with pytest.raises(KeyboardInterrupt), job_of_sweep(tmp_path, 0):
         raise KeyboardInterrupt
-    assert report(tmp_path)[0].endswith("1 job(s) of the sweep stopped:\n  seed=0")
+    assert report(tmp_path)[0].endswith("1 job(s) of the sweep stopped:\n  lqr es seed=0")
 
 
 def test_a_job_knows_that_it_has_begun_before(tmp_path):
     known = []
     for number in (0, 1, 0):
-        with noted(tmp_path, number, [f"seed={number}"]) as job:
+        with job_of_sweep(tmp_path, number) as job:
             known.append(job.again)
     assert known == [False, False, True]
 
@@ -76,9 +81,11 @@ def test_each_job_prints_a_line_and_the_end_a_table_within_80_columns(tmp_path, 
 
 
 def test_a_dead_process_is_told_from_one_that_still_runs(tmp_path):
-    with noted(tmp_path, 0, ["seed=0"]):
+    with job_of_sweep(tmp_path, 0):
         told, all_done = report(tmp_path)
-    assert "1 job(s) of the sweep not at their end: still running, or dead:\n  seed=0 (" in told
+    assert (
+        "1 job(s) of the sweep not at their end: still running, or dead:\n  lqr es seed=0 (" in told
+    )
     assert not all_done
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()

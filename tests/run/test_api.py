@@ -96,26 +96,6 @@ def other(params, obs):
     return params["k"] * obs[0]
 
 
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        ({"controller": other}, "code.controller: 'tests.run.test_api.proportional@"),
-        ({"env": lambda: Drift()}, "code.env: 'tests.envs.test_adapters.Drift@"),
-        ({"baseline": {"k": 0.5}}, "task.baseline.k: '(absent)' there, 0.5 now"),
-        ({"max_episode_steps": 19}, "task.max_episode_steps: 20 there, 19 now"),
-        (
-            {"metrics": {"effort": lambda s: s.costs}},
-            "code.metrics.effort: '(absent)'",
-        ),
-        ({"budget": 500}, "budget: 400 there, 500 now"),
-    ],
-)
-def test_a_folder_with_another_run_is_refused_by_what_differs(tmp_path, changes, told):
-    tune(folder=tmp_path / "run")
-    with pytest.raises(RunFolderError, match=re.escape(told)):
-        tune(folder=tmp_path / "run", **changes)
-
-
 def above(limit):
     return lambda s: s.costs - limit
 
@@ -137,6 +117,12 @@ class Locked(Drift):
 @pytest.mark.parametrize(
     ("first", "second", "told"),
     [
+        ({}, {"controller": other}, "code.controller: 'tests.run.test_api.proportional@"),
+        ({}, {"env": lambda: Drift()}, "code.env: 'tests.envs.test_adapters.Drift@"),
+        ({}, {"baseline": {"k": 0.5}}, "task.baseline.k: '(absent)' there, 0.5 now"),
+        ({}, {"max_episode_steps": 19}, "task.max_episode_steps: 20 there, 19 now"),
+        ({}, {"metrics": {"effort": lambda s: s.costs}}, "code.metrics.effort: '(absent)'"),
+        ({}, {"budget": 500}, "budget: 400 there, 500 now"),
         ({"env": partial(Sized, 1.0)}, {"env": partial(Sized, 0.01)}, "code.env: '"),
         ({"env": Sized(1.0)}, {"env": Sized(2.0)}, "code.env: '"),
         ({"controller": lambda p, o: -o}, {"controller": lambda p, o: o}, "code.controller: '"),
@@ -150,7 +136,7 @@ class Locked(Drift):
          "code.env: 'Pendulum-v1@"),
     ],
 )  # fmt: skip
-def test_one_name_for_two_things_does_not_make_them_one_run(tmp_path, first, second, told):
+def test_a_folder_with_another_run_is_refused_by_what_differs(tmp_path, first, second, told):
     tune(folder=tmp_path / "run", **first)
     tune(folder=tmp_path / "run", **first)
     with pytest.raises(RunFolderError, match=re.escape(told)):

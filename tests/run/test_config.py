@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 from hydra.errors import HydraException
 
-from tests.support import needs_its_library
 from zoac.config import factory
 from zoac.config.compose import (
     check_overrides,
@@ -40,16 +39,6 @@ def test_every_choice_of_every_group_composes_and_builds(group, name):
     if config["task"]["_target_"] != factory.PROGRAM:
         factory.build_task(config)
     factory.build_executor(config)
-
-
-@pytest.mark.parametrize("tuner", names("tuner"))
-@pytest.mark.parametrize("task", [t for t in names("task") if t != "program"])
-def test_every_tuner_is_built_for_every_task(tuner, task):
-    config = resolved(compose_config([f"tuner={tuner}", f"task={task}"]))
-    needs_its_library(config["tuner"]["_target_"])
-    settings = factory.build_settings(config)
-    built = factory.build_tuner(config["tuner"], factory.build_task(config), settings)
-    assert all(isinstance(key, str) for key in built.describe())
 
 
 def test_table_3_reaches_the_tuner():
@@ -94,22 +83,12 @@ def test_rows_of_the_authors_code_have_its_switches(row):
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("tuner.sgima=1", "did you mean 'tuner.exploration.sigma'"),
-        ("sede=1", "did you mean 'seed'"),
-        ("task=pidacc", "did you mean 'pid_acc'"),
-        ("tuner=zoca", "did you mean 'zoac'"),
-        ("fidelity=papre", "did you mean 'paper'"),
         ("preset@tuner=pid_acc/zoca", "did you mean 'pid_acc/zoac'"),
         ("preset=pid_acc/zoac", "write preset@tuner=pid_acc/zoac"),
-        ("seed=x", "seed=x: expected a whole number, got"),
-        ("budget=1.5", "budget=1.5"),
-        ("resume=yes", "auto, never, overwrite"),
-        ("a=b=c", "cannot read the override 'a=b=c'"),
-        ("evaluation.episode=3", "did you mean 'evaluation.episodes'"),
     ],
 )
-def test_a_bad_override_gets_one_message_with_the_nearest_choice(override, message):
-    with pytest.raises(ConfigError, match=f"(?s){message}"):
+def test_a_bad_preset_is_refused_though_the_group_may_be_left_out(override, message):
+    with pytest.raises(ConfigError, match=message):
         compose_config([override])
 
 
@@ -180,34 +159,6 @@ def test_a_sweep_over_something_is_not(override):
 )
 def test_numbers_of_steps_may_be_written_with_an_exponent(given, read):
     assert with_whole_steps([given]) == [read]
-
-
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
-        ("num_envs=0", "num_envs=0: input should be greater"),
-        ("budget=-1", "budget=-1"),
-        ("seed=-1", "seed=-1"),
-        ("evaluation.episodes=0", "evaluation.episodes=0"),
-        ("tuner.exploration.sigma=abc", "tuner.exploration.sigma='abc'"),
-        (
-            "tuner.exploration.sigma=-1",
-            "tuner.exploration.sigma=-1: input should be greater than 0",
-        ),
-        ("tuner.gamma=1.2", "tuner.gamma=1.2"),
-        ("tuner.critic.hidden=[3,x]", r"tuner.critic.hidden\[1\]='x'"),
-        ("tuner.recommend=lats", "'last' or 'average'"),
-        ("task.jerk=rat", "'rate', 'increment' or 'commanded_increment'"),
-        ("tuner.exploration.sigma=nan", "NaN"),
-        ("executor.workers=0 executor=process", "executor.workers=0"),
-    ],
-)
-def test_a_bad_value_is_named(override, message):
-    with pytest.raises(ConfigError, match=message):
-        config = resolved(compose_config(sorted(override.split())))
-        settings = factory.build_settings(config)
-        factory.build_executor(config)
-        factory.build_tuner(config["tuner"], factory.build_task(config), settings)
 
 
 def test_a_variant_is_what_the_overrides_change_beyond_identity():

@@ -6,7 +6,7 @@ import numpy as np
 
 from zoac.check.samples import DRAWS, STEPS, Found, draws, segments
 from zoac.controllers.stateful_controller import stateful_in
-from zoac.core.controller import Memory
+from zoac.core.controller import Memory, Parameters
 from zoac.core.segments import Segment
 from zoac.rollout.task import Task
 
@@ -15,11 +15,11 @@ def hidden_state(task: Task) -> Found:
     """The controller is a function of parameters, observation and memory alone."""
     episodes = segments(task)
     controller = task.make_controller()
-    parameters = {name: v[None] for name, v in zip(*_named(task, episodes[0]), strict=True)}
+    parameters = _parameters(task, episodes[0])
     memory = controller.init(1)
     stateful = stateful_in(memory)
     for segment in episodes[:2] if stateful else ():
-        if not np.array_equal(_replayed(task, segment, None, memory), segment.commands):
+        if not np.array_equal(_replayed(task, segment, memory=memory), segment.commands):
             return False, "an earlier episode shows in its actions; begin anew in reset"
         for one in stateful:
             one.begin()
@@ -29,7 +29,7 @@ def hidden_state(task: Task) -> Found:
         given = observation[None].copy()
         states = [one.state() for one in stateful if twice]
         first, following, _ = controller.act(
-            parameters, given, memory if stateful else _deep(memory)
+            parameters, given, memory if stateful else deepcopy(dict(memory))
         )
         if not np.array_equal(given[0], observation):
             return False, "it changes the observation that it is given; copy it first"
@@ -37,7 +37,7 @@ def hidden_state(task: Task) -> Found:
             for one, state in zip(stateful, states, strict=True):
                 one.restore(state)
             second, _, _ = controller.act(
-                parameters, observation[None].copy(), memory if stateful else _deep(memory)
+                parameters, observation[None].copy(), memory if stateful else deepcopy(dict(memory))
             )
         if twice and not np.array_equal(first, second):
             return False, (
@@ -58,10 +58,10 @@ def dead_parameters(task: Task) -> Found:
     others = _alternatives(task)
     for segment in episodes:
         base = _replayed(task, segment)
-        for i, name in enumerate(task.space.names):
-            for other in others[i]:
+        for name, values in others.items():
+            for other in values:
                 if not alive[name]:
-                    changed = _replayed(task, segment, (i, other))
+                    changed = _replayed(task, segment, {name: np.array([other])})
                     alive[name] = not np.array_equal(base, changed)
     dead = [name for name, lives in alive.items() if not lives]
     if dead:
@@ -70,39 +70,33 @@ def dead_parameters(task: Task) -> Found:
     return True, f"all {len(alive)} change the action"
 
 
-def _alternatives(task: Task) -> list[list[float]]:
+def _alternatives(task: Task) -> dict[str, list[float]]:
     """Return values to try for each parameter: both ends, and some between; of choices, all."""
     d = task.space.dimension
     x = np.concatenate([draws(task, 2), [np.full(d, -1.0), np.full(d, 1.0)], np.eye(d)])
-    return [sorted(set(column)) for column in task.space.values(x).T.tolist()]
+    columns = task.space.values(x).T.tolist()
+    return {n: sorted(set(column)) for n, column in zip(task.space.names, columns, strict=True)}
 
 
-def _named(task: Task, segment: Segment) -> tuple[tuple[str, ...], np.ndarray]:
-    return task.space.names, task.space.values(segment.proposal.x)
+def _parameters(task: Task, segment: Segment) -> Parameters:
+    values = task.space.values(segment.proposal.x)
+    return {name: value[None] for name, value in zip(task.space.names, values, strict=True)}
 
 
 def _replayed(
     task: Task,
     segment: Segment,
-    change: tuple[int, float] | None = None,
+    changed: Parameters | None = None,
     memory: Memory | None = None,
 ) -> np.ndarray:
     """Return the actions (T, m) of a controller on the observations of a segment.
 
-    One parameter, by its index, may have another value; without a memory, a fresh one begins.
+    Some parameters may have other values; without a memory, a fresh one begins.
     """
-    names, values = _named(task, segment)
-    if change is not None:
-        values = values.copy()
-        values[change[0]] = change[1]
-    parameters = {name: value[None] for name, value in zip(names, values, strict=True)}
+    parameters = {**_parameters(task, segment), **(changed or {})}
     controller = task.make_controller()
     memory, actions = controller.init(1) if memory is None else memory, []
     for observation in segment.observations[:-1]:
         action, memory, _ = controller.act(parameters, observation[None].copy(), memory)
         actions.append(np.asarray(action, dtype=np.float64)[0])
     return np.stack(actions)
-
-
-def _deep(memory: Memory) -> Memory:
-    return {name: deepcopy(rows) for name, rows in memory.items()}

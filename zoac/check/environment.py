@@ -17,7 +17,6 @@ from zoac.specs.verdict import over_episodes
 SLOW = 0.1
 """A step that takes longer [s] is too slow: 50,000 of them would take more than an hour."""
 
-
 EPISODES = 5
 """Evaluation episodes for the specs, the first of a run's."""
 
@@ -108,7 +107,8 @@ def time_per_step(task: Task) -> Found:
         seconds = (time.perf_counter() - begun) / steps
     finally:
         group.close()
-    whole = _for_people(50_000 * seconds)
+    total = 50_000 * seconds
+    whole = f"{total:.0f} s" if total < 120 else f"{total / 60:.0f} min"
     text = f"{seconds * 1e3:.3g} ms; 50,000 steps in one environment take {whole}"
     if seconds > SLOW:
         return False, f"{text}; more than {SLOW * 1e3:g} ms a step is too slow to tune on"
@@ -147,7 +147,3 @@ def _told(parameters: Mapping[str, Any]) -> str:
         f"{name}={value:.4g}" if isinstance(value, float) else f"{name}={value}"
         for name, value in parameters.items()
     )
-
-
-def _for_people(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"

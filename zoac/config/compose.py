@@ -166,7 +166,6 @@ def _check_optional(text: str, override: Override) -> None:
 
 
 def _goes_through(override: Override) -> bool:
-    """Tell whether an override of a sweep has any values."""
     value = override.value()
     if isinstance(value, Glob):
         return bool(value.filter(_choices(override.key_or_group)))

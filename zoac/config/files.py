@@ -91,12 +91,13 @@ def choice(group: str, name: str) -> DictConfig:
 
 def choices(group: str) -> list[str]:
     """Return the names of a group's files, the package's and those of the current folder."""
-    found: set[str] = set()
-    for root in _roots():
-        folder = root / group
-        paths = sorted(folder.rglob("*.yaml")) if folder.is_dir() else []
-        found |= {path.relative_to(folder).with_suffix("").as_posix() for path in paths}
-    return sorted(found)
+    return sorted({name for root in _roots() for name in names_in(root / group)})
+
+
+def names_in(folder: Path) -> list[str]:
+    """Return the names of the YAML files in a group's folder, such as "suite/lqr"."""
+    paths = folder.rglob("*.yaml")
+    return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in paths)
 
 
 def _roots() -> list[Path]:

@@ -12,7 +12,6 @@ import hashlib
 import sys
 import types
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path, PurePath
 from typing import Any
@@ -117,26 +116,17 @@ class _Walk:
         self._done[key] = thing, found
         return found
 
-    @contextmanager
-    def _at(self, place: str) -> Iterator[None]:
-        self._path.append(place)
-        try:
-            yield
-        finally:
-            self._path.pop()
-
-    def _cannot_tell(self, thing: Any) -> CannotTellError:
-        where = " of ".join(reversed(self._path))
-        return CannotTellError(f"{where or 'it'} is a {type(thing).__name__}")
-
     def _all(self, things: Iterable[Any]) -> list[str | bytes]:
         return [self.digest(thing) for thing in things]
 
     def _named(self, things: Mapping[str, Any], what: str) -> list[str | bytes]:
         found: list[str | bytes] = []
         for key in sorted(things):
-            with self._at(f"{what} {key!r}"):
+            self._path.append(f"{what} {key!r}")
+            try:
                 found.append(_hashed(key, self.digest(things[key])))
+            finally:
+                self._path.pop()
         return found
 
     def _parts(self, thing: Any) -> list[str | bytes]:
@@ -146,8 +136,8 @@ class _Walk:
         if isinstance(thing, type):
             return self._class(thing)
         if isinstance(thing, types.CodeType):
-            return ["code", thing.co_code, *_texts(thing.co_names, thing.co_varnames),
-                    *self._all(thing.co_consts)]  # fmt: skip
+            names, variables = " ".join(thing.co_names), " ".join(thing.co_varnames)
+            return ["code", thing.co_code, names, variables, *self._all(thing.co_consts)]
         if isinstance(thing, types.ModuleType):
             return ["module", thing.__name__, _content(thing)]
         if isinstance(thing, functools.partial):
@@ -237,7 +227,8 @@ class _Walk:
             reducer = copyreg.dispatch_table.get(type(thing))
             reduced = reducer(thing) if reducer else thing.__reduce_ex__(4)
         except Exception:  # whatever says that it cannot be pickled
-            raise self._cannot_tell(thing) from None
+            where = " of ".join(reversed(self._path)) or "it"
+            raise CannotTellError(f"{where} is a {type(thing).__name__}") from None
         if isinstance(reduced, str):  # a global's name
             return [reduced, self.digest(getattr(thing, "__wrapped__", None))]
         made, arguments, state, *items = (*reduced, None)[: max(3, len(reduced))]
@@ -281,10 +272,6 @@ def _content(module: types.ModuleType) -> bytes:
     if is_installed(module.__name__) or file is None:
         return b""
     return hashlib.sha256(Path(file).read_bytes()).digest()
-
-
-def _texts(*names: Iterable[str]) -> list[str]:
-    return [" ".join(several) for several in names]
 
 
 def _hashed(*parts: str | bytes) -> bytes:

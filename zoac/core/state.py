@@ -25,13 +25,21 @@ _TREE = "tree"
 class OwnObject:
     """Something that only a pickle can keep: a user's environment, a library's optimiser."""
 
-    def __init__(self, value: Any) -> None:
-        self._value = value
+    def __init__(self, value: Any = None, read: Callable[[], Any] | None = None) -> None:
+        """
+        Args:
+            value: The object itself.
+            read: Called for the object whenever it is used, in place of `value`.
+        """
+        self._read = read or (lambda: value)
 
     @property
     def value(self) -> Any:
         """The object itself."""
-        return self._value
+        return self._read()
+
+    def __reduce__(self) -> Any:
+        return OwnObject, (self.value,)
 
 
 class Encoded(NamedTuple):
@@ -110,8 +118,6 @@ class _Writer:
 
 
 class _Reader:
-    """Puts a state together again."""
-
     def __init__(self, arrays: dict[str, np.ndarray], objects: Callable[[], list[Any]]) -> None:
         self._arrays, self._objects = arrays, objects
 
@@ -132,7 +138,7 @@ class _Reader:
         if kind == "generator":
             return _generator(self.value(content))
         if kind == "object":
-            return _Stored(self._objects, content)
+            return OwnObject(read=lambda: self._objects()[content])
         raise KeyError(kind)
 
     def _array(self, kind: str, start: int, shape: list[int], order: Any) -> np.ndarray:
@@ -144,20 +150,6 @@ def _generator(state: dict[str, Any]) -> np.random.Generator:
     made = getattr(np.random, state["bit_generator"])()
     made.state = state
     return np.random.Generator(made)
-
-
-class _Stored(OwnObject):
-    """An object of a state that was read."""
-
-    def __init__(self, objects: Callable[[], list[Any]], index: int) -> None:
-        self._objects, self._index = objects, index
-
-    @property
-    def value(self) -> Any:
-        return self._objects()[self._index]
-
-    def __reduce__(self) -> Any:
-        return OwnObject, (self.value,)
 
 
 _SCRIPT = "__mp_main__"

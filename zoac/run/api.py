@@ -202,7 +202,7 @@ def tune(
         config["task"] = settings_of_task(the_task, of_task, config.get("task", {}))
     factory.with_failures(the_task, config)
     where = Path(folder or tempfile.mkdtemp(prefix="zoac-")).expanduser()
-    run = Run.of(
+    run = Run(
         config,
         the_task,
         identity={"task": name_of(task, env), "tuner": tuner, "seed": config["seed"]},

@@ -191,25 +191,23 @@ def main() -> None:
     except (HydraException, OmegaConfBaseException) as error:
         sys.exit(f"error: {explain(error, arguments)}")
     except KeyboardInterrupt as stop:
-        told = (
-            f"{sweep_report.report(Path(os.environ[lifeline.SWEEP]))[0]}\n"
-            if lifeline.is_job()
-            else ""
-        )
-        print(f"{told}{str(stop) or 'interrupted'}", file=sys.stderr)
+        if (sweep := lifeline.sweep()) is not None:
+            print(sweep_report.report(sweep)[0], file=sys.stderr)
+        print(str(stop) or "interrupted", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
         raise
     except Exception as error:
-        sweeping = lifeline.is_job() and sweep_report.has_begun(Path(os.environ[lifeline.SWEEP]))
+        sweep = lifeline.sweep()
+        sweeping = sweep is not None and sweep_report.has_begun(sweep)
         if not _composed and not sweeping:  # Hydra answers some odd overrides with a ValueError
             sys.exit(f"error: {explain(error, arguments)}")
         if not sweeping:
             raise
         # Jobs do not raise: it is the launcher, whose job has died.
         gave_up = f"\nthe launcher gave up: {type(error).__name__}: {error}"
-    if lifeline.is_job():
-        told, all_done = sweep_report.report(Path(os.environ[lifeline.SWEEP]))
+    if (sweep := lifeline.sweep()) is not None:
+        told, all_done = sweep_report.report(sweep)
         if gave_up or not all_done:
             sys.exit(f"{told}{gave_up}\nThe same command again does only what is not done.")
         print(told)

@@ -6,7 +6,7 @@ Hydra's own help composes every choice of every group first, which takes seconds
 from pathlib import Path
 
 import zoac.conf
-from zoac.config.compose import own_conf
+from zoac.config.files import names_in, own_conf
 
 _TEXT = """\
 Tune a controller from its closed-loop performance.
@@ -44,14 +44,10 @@ def usage() -> str:
 
 
 def _groups(folder: Path) -> list[str]:
-    """Return a line for each config group in `folder`: its name and its choices."""
     lines = []
     for group in sorted(path for path in folder.iterdir() if path.is_dir()):
         if group.name == "search":  # of `zoac.search`
             continue
-        choices = sorted(
-            p.relative_to(group).with_suffix("").as_posix() for p in group.rglob("*.yaml")
-        )
-        if choices:
+        if choices := names_in(group):
             lines.append(f"{group.name}: {', '.join(choices)}")
     return lines

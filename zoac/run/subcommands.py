@@ -69,15 +69,10 @@ def main() -> None:
 
 def usage() -> str:
     """Return the list of commands."""
-    lines = [f"  {name:13} {what}" for name, (_, what) in COMMANDS.items()]
-    return "\n".join(
-        [
-            "zoac: tune controllers from their closed-loop performance",
-            "",
-            *lines,
-            "",
-            "zoac <command> --help says more; zoac --version; zoac --completion for bash and zsh.",
-        ]
+    commands = "\n".join(f"  {name:13} {what}" for name, (_, what) in COMMANDS.items())
+    return (
+        f"zoac: tune controllers from their closed-loop performance\n\n{commands}\n\n"
+        "zoac <command> --help says more; zoac --version; zoac --completion for bash and zsh."
     )
 
 

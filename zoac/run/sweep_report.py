@@ -12,6 +12,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -45,23 +46,23 @@ def outcome(result: Mapping[str, Any], folder: Path, done_already: bool) -> dict
     }
 
 
+@dataclass
 class Job:
-    """One job of a sweep while it runs."""
+    """One job of a sweep while it runs.
 
-    def __init__(self, again: bool) -> None:
-        """
-        Args:
-            again: Whether this job of this sweep has begun before: a scheduler has put it back in
-                its queue, or repeats it after a crash.
-        """
-        self.again = again
-        self.outcome: Mapping[str, Any] = {}
-        """From the function of that name; empty until the run has ended."""
+    Args:
+        again: Whether this job of this sweep has begun before: a scheduler has put it back in its
+            queue, or repeats it after a crash.
+        outcome: From the function of that name; empty until the run has ended.
+    """
+
+    again: bool
+    outcome: Mapping[str, Any] = field(default_factory=dict)
 
 
 @contextmanager
 def noted(
-    folder: Path, number: int, overrides: Sequence[str], identity: Mapping[str, Any] | None = None
+    folder: Path, number: int, overrides: Sequence[str], identity: Mapping[str, Any]
 ) -> Iterator[Job]:
     """Keep the note of one job, and print a line at its end.
 
@@ -77,7 +78,7 @@ def noted(
     job = Job(again=path.exists())
     folder.mkdir(parents=True, exist_ok=True)
     note = {"job": " ".join(overrides), "host": platform.node(), "pid": os.getpid()}
-    note |= {**(identity or {}), "more": _more(folder, overrides)}
+    note |= {**identity, "more": _more(folder, overrides)}
     named = sweep_table.name(note)
     write_json(path, {**note, "state": RUNNING})
     try:
@@ -171,6 +172,6 @@ def _known_dead(note: dict[str, Any]) -> bool:
         os.kill(note["pid"], 0)
     except ProcessLookupError:
         return True
-    except PermissionError:
-        return False
+    except PermissionError:  # another user's
+        pass
     return False

@@ -27,8 +27,6 @@ def line(note: Mapping[str, Any]) -> str:
 
 def name(note: Mapping[str, Any]) -> str:
     """Return what tells a job from its siblings."""
-    if "task" not in note:
-        return str(note["job"])
     return f"{note['task']} {note['tuner']} seed={note['seed']} {note['more']}".rstrip()
 
 
@@ -37,11 +35,8 @@ def table(notes: Sequence[Mapping[str, Any]]) -> list[str]:
     done = [note for note in notes if "folder" in note]
     if not done:
         return []
-    # A note of another version may lack its identity; such a job is named below the table.
     rows = [("task", "tuner", "seed", "cost before", "", "after", "seconds", "")]
     for note in notes:
-        if "task" not in note:
-            continue
         before, arrow, after = _costs(note).rpartition("-> ") if note in done else ("", "", "")
         seconds = _seconds(note) if note in done else note["state"]
         identity = str(note["task"]), str(note["tuner"]), str(note["seed"])
@@ -58,7 +53,6 @@ def table(notes: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _folders(done: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return where the runs lie, and what makes a page about them."""
     variants = {note["variant"] for note in done}
     roots = {_root(note) for note in done}
     last = f"/variant={next(iter(variants))}" if len(variants) == 1 else "/variant=<...>"

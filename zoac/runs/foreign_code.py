@@ -1,7 +1,7 @@
 """What building a task from a configuration would load that is not zoac's own."""
 
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from zoac.config.validate import TARGET, locate
@@ -28,12 +28,11 @@ def foreign_code(node: Any, where: str = "task") -> list[str]:
         return [found for i, n in enumerate(node) for found in foreign_code(n, f"{where}[{i}]")]
     if not isinstance(node, Mapping):
         return []
-    named: list[tuple[str, Any]] = []
-    if (target := node.get(TARGET)) == USER_TASK:
-        named += ((f"{where}.{key}", value) for key, value in _code_of_user_task(node))
-    elif target is not None:
-        named.append((f"{where}.{TARGET}", target))
-    found = [f"{key}: {path}" for key, path in named if not _is_own(path)]
+    target = node.get(TARGET)
+    named: Iterable[tuple[str, Any]] = [] if target is None else [(TARGET, target)]
+    if target == USER_TASK:
+        named = _code_of_user_task(node)
+    found = [f"{where}.{key}: {path}" for key, path in named if not _is_own(path)]
     return found + [f for key, value in node.items() for f in foreign_code(value, f"{where}.{key}")]
 
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cloudpickle
+
 from zoac.config import factory
 from zoac.config.validate import TARGET
 from zoac.core.errors import RunFolderError
@@ -18,7 +20,7 @@ from zoac.rollout.task import Task
 from zoac.runs import responses, schema
 from zoac.runs.export import TunedController, export, export_c
 from zoac.runs.foreign_code import foreign_code
-from zoac.runs.loggers.summary import as_html
+from zoac.runs.loggers.summary import as_html, shown
 from zoac.specs import verdict
 from zoac.specs.verdict import OF_A_SPEC
 
@@ -124,10 +126,7 @@ class Result:
         cost = f"cost {self.cost_mean:.4g} over {count} {word}{'' if count == 1 else 's'}"
         if self.baseline_cost_mean is not None:
             cost += f", baseline values {self.baseline_cost_mean:.4g}"
-        values = ", ".join(
-            f"{name}={value:.6g}" if isinstance(value, float) else f"{name}={value}"
-            for name, value in self.parameters.items()
-        )
+        values = ", ".join(f"{name}={shown(value)}" for name, value in self.parameters.items())
         told = [f"<zoac result: {cost}" + ("" if self.finished else ", stopped early")]
         told += _wrapped(values)
         told += [f"  {line}" for line in verdict.lines(self._spec_rows)]
@@ -250,10 +249,10 @@ def task_of_run(
     """
     if config is None:
         config = schema.read_run(folder)["config"]
-    by_config, pickled = TARGET in config["task"], folder / schema.TASK
-    if not by_config and not pickled.is_file():
+    by_config, kept = TARGET in config["task"], folder / schema.TASK
+    if not by_config and not kept.is_file():
         raise _not_built(folder, "it could not be pickled")
-    needed = foreign_code(config["task"]) if by_config else [f"the pickle {pickled.name}"]
+    needed = foreign_code(config["task"]) if by_config else [f"the pickle {kept.name}"]
     if needed and not trust_code:
         raise RunFolderError(
             f"{folder}: its task would load code that is not zoac's own ({', '.join(needed)}). "
@@ -261,7 +260,7 @@ def task_of_run(
             "load_result, --trust-code at a command"
         )
     try:
-        return task_from_config(config) if by_config else _unpickled(pickled)
+        return task_from_config(config) if by_config else cloudpickle.loads(kept.read_bytes())
     except Exception as error:  # whatever the modules that it needs raise
         raise _not_built(folder, f"{type(error).__name__}: {error}") from error
 
@@ -270,12 +269,6 @@ def _not_built(folder: Path, reason: str) -> RunFolderError:
     return RunFolderError(
         f"{folder}: its task cannot be built again ({reason}); give it to load_result"
     )
-
-
-def _unpickled(path: Path) -> Task:
-    import cloudpickle
-
-    return cloudpickle.loads(path.read_bytes())
 
 
 def keep_task(task: Task, folder: Path) -> None:

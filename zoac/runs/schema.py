@@ -39,22 +39,23 @@ def config_hash(config: Mapping[str, Any]) -> str:
 
     A key that is null is as good as absent.
     """
-    relevant = {k: v for k, v in config.items() if k not in WITHOUT_EFFECT and v is not None}
-    return hashlib.sha256(json.dumps(relevant, sort_keys=True).encode()).hexdigest()[:16]
+    content = json.dumps(_with_effect(config), sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 
 def differing_keys(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
     """Return the dotted keys in which two configs differ in effect, with both values."""
-    left, right = (
-        _flat({k: v for k, v in c.items() if k not in WITHOUT_EFFECT and v is not None})
-        for c in (one, other)
-    )
+    left, right = _flat(_with_effect(one)), _flat(_with_effect(other))
     absent = "(absent)"
     return {
         key: (left.get(key, absent), right.get(key, absent))
         for key in sorted(left.keys() | right.keys())
         if left.get(key, absent) != right.get(key, absent)
     }
+
+
+def _with_effect(config: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: v for k, v in config.items() if k not in WITHOUT_EFFECT and v is not None}
 
 
 def _flat(node: Any, prefix: str = "") -> dict[str, Any]:

@@ -48,7 +48,7 @@ def _distribution(node: Any) -> Any:
         if key not in ("low", "high", "log"):
             raise ValueError(f"unknown {key!r}; {suggest(key, ('low', 'high', 'log'))}")
     bounds = node.get("low"), node.get("high")
-    if not all(isinstance(b, int | float) and not isinstance(b, bool) for b in bounds):
+    if not all(map(is_number, bounds)):
         raise ValueError(f"low and high must be numbers, got {bounds[0]!r} and {bounds[1]!r}")
     whole = all(isinstance(b, int) for b in bounds)
     kind = optuna.distributions.IntDistribution if whole else optuna.distributions.FloatDistribution

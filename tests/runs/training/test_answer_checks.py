@@ -110,10 +110,9 @@ def test_from_ziegler_nichols_gains_the_published_method_may_get_worse_and_says_
     assert "the baseline values cost <b>" in page
 
 
-@pytest.mark.parametrize("seed", [1, 2, 4, 5])
-def test_from_ziegler_nichols_gains_zoac_plus_returns_nothing_worse(seed):
-    """Before the baseline values were a candidate, these seeds cost up to 1.26 times as much."""
-    result = tune("zoac_plus", seed, 12_000)
+def test_from_ziegler_nichols_gains_zoac_plus_returns_nothing_worse():
+    """If the baseline values are no candidate, this seed costs 1.5 times as much."""
+    result = tune("zoac_plus", 2, 12_000)
     assert result.cost_mean <= result.baseline_cost_mean
     assert result.warnings == []
 

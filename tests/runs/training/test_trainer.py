@@ -24,7 +24,10 @@ from zoac.runs.training.trainer import Interrupted, Trainer
 RUN = {"format": 1, "task": "t", "tuner": "x", "seed": 0, "variant": None, "config_hash": "0"}
 
 
-def train(folder, executor=None, stop=lambda: False, tuner=Zoac, ends_after=None, **settings):
+def train(
+    folder, executor=None, stop=lambda: False, tuner=Zoac, ends_after=None, make_log=RunLog,
+    **settings,
+):  # fmt: skip
     settings = Settings(**{"budget": 200, "num_envs": 3, "eval_every": 50,
                            "evaluation": Evaluation(2, 3), **settings})  # fmt: skip
     task = CountingTask(7, ends_after)
@@ -32,7 +35,7 @@ def train(folder, executor=None, stop=lambda: False, tuner=Zoac, ends_after=None
     executor = executor or Serial()
     executor.start(task, settings.num_envs, settings.seed)
     folder.mkdir(exist_ok=True)
-    log = RunLog(folder, RUN)
+    log = make_log(folder, RUN)
     try:
         return Trainer(
             task, tuner(problem, **grouped(**OPTIONS)), executor, settings, log, stop
@@ -40,6 +43,13 @@ def train(folder, executor=None, stop=lambda: False, tuner=Zoac, ends_after=None
     finally:
         executor.close()
         log.close()
+
+
+def stopped(folder, after, **options):
+    """Train, and stop at the end of the iteration of this number, counted from 0."""
+    calls = iter(range(1000))
+    with pytest.raises(Interrupted):
+        train(folder, stop=lambda: next(calls) == after, **options)
 
 
 def numbers(folder, kind):
@@ -90,9 +100,7 @@ def test_seed_twins_are_equal_to_the_last_bit(tmp_path):
 @pytest.mark.parametrize("stop_after", [1, 4])
 def test_a_stopped_run_continues_bit_for_bit(tmp_path, stop_after):
     whole = train(tmp_path / "whole")
-    calls = iter(range(1000))
-    with pytest.raises(Interrupted):
-        train(tmp_path / "parts", stop=lambda: next(calls) == stop_after)
+    stopped(tmp_path / "parts", stop_after)
     resumed = train(tmp_path / "parts")
     assert resumed["x"] == whole["x"]
     for kind in ("train", "eval"):
@@ -105,9 +113,7 @@ class _Renamed(Zoac):
 
 
 def test_a_tuners_state_that_does_not_fit_is_refused(tmp_path):
-    calls = iter(range(1000))
-    with pytest.raises(Interrupted):
-        train(tmp_path, stop=lambda: next(calls) == 2)
+    stopped(tmp_path, 2)
     with pytest.raises(RunFolderError, match="tuner's state.*KeyError.*resume=overwrite"):
         train(tmp_path, tuner=_Renamed)
 
@@ -129,9 +135,7 @@ FOREIGN = [
 
 @pytest.mark.parametrize(("change", "told"), FOREIGN)
 def test_a_checkpoint_with_other_keys_is_refused_and_the_keys_are_named(tmp_path, change, told):
-    calls = iter(range(1000))
-    with pytest.raises(Interrupted):
-        train(tmp_path, stop=lambda: next(calls) == 2)
+    stopped(tmp_path, 2)
     state, _ = checkpoint.load(tmp_path / "checkpoint")
     change(state)
     checkpoint.save(tmp_path / "checkpoint", state)
@@ -141,9 +145,7 @@ def test_a_checkpoint_with_other_keys_is_refused_and_the_keys_are_named(tmp_path
 
 def test_rows_after_the_last_checkpoint_are_not_doubled(tmp_path):
     train(tmp_path / "whole")
-    calls = iter(range(1000))
-    with pytest.raises(Interrupted):
-        train(tmp_path / "killed", stop=lambda: next(calls) == 2)
+    stopped(tmp_path / "killed", 2)
     with open(tmp_path / "killed" / "metrics.jsonl", "a") as file:
         file.write('{"kind": "train", "env_steps": 9')  # what a kill leaves behind
     train(tmp_path / "killed")
@@ -173,9 +175,7 @@ def test_processes_give_the_bits_of_serial(tmp_path, workers):
 
 def test_a_run_begun_in_processes_goes_on_in_serial(tmp_path):
     whole = train(tmp_path / "whole")
-    calls = iter(range(1000))
-    with pytest.raises(Interrupted):
-        train(tmp_path / "parts", executor=Process(workers=2), stop=lambda: next(calls) == 3)
+    stopped(tmp_path / "parts", 3, executor=Process(workers=2))
     assert train(tmp_path / "parts")["x"] == whole["x"]
 
 
@@ -220,9 +220,7 @@ class _Lost(Zoac):
 def test_a_recommendation_that_is_not_finite_is_not_taken(tmp_path, capsys):
     """Nor after a resume: the last finite one is part of the checkpoint."""
     _Lost.count = 0
-    calls = iter(range(1000))
-    with pytest.raises(Interrupted):
-        train(tmp_path, tuner=_Lost, stop=lambda: next(calls) == 8)
+    stopped(tmp_path, 8, tuner=_Lost)
     result = train(tmp_path, tuner=_Lost)
     rows = numbers(tmp_path, "eval")
     assert rows[0]["x"] != rows[1]["x"]

@@ -187,7 +187,6 @@ class Console:
         return f"{steps:>9,} steps | {_clock(wall)}{left}"
 
     def _say(self, text: str) -> None:
-        """Print a sentence, wrapped."""
         for line in textwrap.wrap(
             text, WIDTH, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
         ):

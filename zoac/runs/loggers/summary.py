@@ -14,7 +14,6 @@ MAX_PARAMETERS = 10
 MAX_SHARE = 10.0
 """From here on a difference in percent of the baseline's cost says nothing."""
 
-
 ROUNDING = 1e-9
 """Of a mean: differences between equal episodes are below."""
 
@@ -38,7 +37,7 @@ def cost_lines(result: Mapping[str, Any]) -> Iterator[str]:
     mean, half = difference.mean(), _half(difference)
     if not np.isfinite(mean) or mean == 0:
         return
-    by = f"{abs(mean):.4g} ± {_two_digits(half)}" if half > 0 else f"{abs(mean):.4g}"
+    by = _with_half(abs(mean), half)
     interval = "± is a 95% interval" if half > 0 else ""
     if abs(mean) <= half:
         side = "lower" if mean < 0 else "higher"
@@ -54,12 +53,12 @@ def cost_lines(result: Mapping[str, Any]) -> Iterator[str]:
 def with_interval(costs: Any) -> str:
     """Return a mean with half the width of its 95% interval, if that can be told."""
     numbers = _numbers(costs)
-    half = _half(numbers)
-    return f"{numbers.mean():.4g}" + (f" ± {_two_digits(half)}" if half > 0 else "")
+    return _with_half(numbers.mean(), _half(numbers))
 
 
-def _two_digits(half: float) -> str:
-    return f"{half:.2g}" if half < 100 else f"{half:.0f}"
+def _with_half(mean: float, half: float) -> str:
+    digits = f"{half:.2g}" if half < 100 else f"{half:.0f}"
+    return f"{mean:.4g} ± {digits}" if half > 0 else f"{mean:.4g}"
 
 
 def as_html(result: Mapping[str, Any], run: Mapping[str, Any], fixed: Mapping[str, Any]) -> str:

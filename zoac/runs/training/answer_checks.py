@@ -1,6 +1,6 @@
 """Warnings about the answer of a run, such as that the baseline was better."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from zoac.specs.verdict import OF_A_SPEC
 
 CLEAR = 0.02
 """Part of its cost by which an earlier evaluation must be better to be worth a warning."""
-
 
 EDGE = 0.02
 """Part of a range in which changes of a parameter are too small for most tuners to find."""
@@ -40,23 +39,21 @@ def warnings(
     ]
 
 
-def _of_the_cost(result: Mapping[str, Any]) -> list[str]:
+def _of_the_cost(result: Mapping[str, Any]) -> Iterator[str]:
     finite = np.isfinite(np.asarray(result["cost_per_episode"]))
-    if finite.all():
-        return []
-    return [f"The cost is not finite in {(~finite).sum()} of {len(finite)} final episodes."]
+    if not finite.all():
+        yield f"The cost is not finite in {(~finite).sum()} of {len(finite)} final episodes."
 
 
-def _of_the_start(result: Mapping[str, Any]) -> list[str]:
+def _of_the_start(result: Mapping[str, Any]) -> Iterator[str]:
     start = result.get("baseline")
     if start is None:
-        return []
+        return
     costs, episodes = result["cost_per_episode"], len(result["cost_per_episode"])
-    told = []
     # Feasibility first: a baseline that breaks more requirements is not better, however cheap.
     safer = result.get("violations", 0) < start.get("violations", 0)
     if not safer and clearly_higher(np.array(costs), np.array(start["cost_per_episode"])):
-        told.append(
+        yield (
             f"The answer is worse than the baseline values: cost {result['cost_mean']:.4g} instead "
             f"of {start['cost_mean']:.4g} on the same {episodes} final episodes."
         )
@@ -65,11 +62,10 @@ def _of_the_start(result: Mapping[str, Any]) -> list[str]:
         (_requirement(result), result.get("violations", 0), start.get("violations", 0)),
     ):
         if count > before:
-            told.append(
+            yield (
                 f"The answer {what} more often than the baseline values: in {count} of {episodes} "
                 f"final episodes instead of {before}."
             )
-    return told
 
 
 def _requirement(result: Mapping[str, Any]) -> str:
@@ -111,7 +107,7 @@ def _of_ranges(values: Mapping[str, Any], parameters: Sequence[Parameter]) -> li
 
 def _of_evaluations(
     result: Mapping[str, Any], evaluations: Sequence[Mapping[str, Any]]
-) -> list[str]:
+) -> Iterator[str]:
     """Compare with the best evaluation on the episodes that both have, the first ones."""
     end = np.array(result["cost_per_episode"])
     broken = result.get("violations", 0) / len(end)
@@ -122,29 +118,27 @@ def _of_evaluations(
         and row.get("violations", 0) / len(row["cost_per_episode"]) <= broken
     ]
     if not rows:
-        return []
+        return
     best = min(rows, key=lambda row: (row.get("violations", 0), row["cost_mean"]))
     shared = min(len(end), len(best["cost_per_episode"]))
     costs = np.array(best["cost_per_episode"][:shared])
-    if not clearly_higher(end[:shared], costs, comparisons=len(rows), noteworthy=CLEAR):
-        return []
-    return [
-        f"An earlier evaluation, after {best['env_steps']:,} steps, was clearly better: cost "
-        f"{costs.mean():.4g} instead of {end[:shared].mean():.4g} on the same {shared} episodes; "
-        "select=best_evaluated chooses among them."
-    ]
+    if clearly_higher(end[:shared], costs, comparisons=len(rows), noteworthy=CLEAR):
+        yield (
+            f"An earlier evaluation, after {best['env_steps']:,} steps, was clearly better: cost "
+            f"{costs.mean():.4g} instead of {end[:shared].mean():.4g} on the same {shared} "
+            "episodes; select=best_evaluated chooses among them."
+        )
 
 
-def _of_the_acceptance_test(result: Mapping[str, Any]) -> list[str]:
-    acceptance_test = result.get("acceptance_test")
-    if acceptance_test is None or acceptance_test["candidate_is_start"]:
-        return []
-    if acceptance_test["p_value"] is None:
-        return [f"The answer is the baseline values: {acceptance_test['text']}."]
-    if acceptance_test["pairs"] >= MIN_PAIRS:
-        return []
-    return [
-        f"The acceptance test had {acceptance_test['pairs']} pairs of episodes and fewer than "
-        f"{MIN_PAIRS} accept nothing, so the answer is the baseline values: "
-        "give acceptance_test or budget more steps."
-    ]
+def _of_the_acceptance_test(result: Mapping[str, Any]) -> Iterator[str]:
+    test = result.get("acceptance_test")
+    if test is None or test["candidate_is_start"]:
+        return
+    if test["p_value"] is None:
+        yield f"The answer is the baseline values: {test['text']}."
+    elif test["pairs"] < MIN_PAIRS:
+        yield (
+            f"The acceptance test had {test['pairs']} pairs of episodes and fewer than {MIN_PAIRS} "
+            "accept nothing, so the answer is the baseline values: give acceptance_test or budget "
+            "more steps."
+        )

@@ -26,6 +26,7 @@ class Evaluator:
     ) -> None:
         self._task, self._tuner, self._executor = task, tuner, executor
         self._settings, self._progress = settings, progress
+        self._baseline = None if task.baseline is None else task.space.normalise(task.baseline)
         self._last_finite = np.zeros(task.space.dimension)  # recommendation
         self._responses: dict[str, list[Segment]] = {}  # final episodes
 
@@ -53,18 +54,18 @@ class Evaluator:
         row = self._row(segments, self._task.metrics)
         if final:
             self._responses["tuned"] = segments
-        elif self._progress.env_steps == 0 and (baseline := self._baseline()) is not None:
-            same = np.array_equal(x, baseline)
-            told = row if same else self._row(self._rollout(baseline, settings.episodes))
+        elif self._progress.env_steps == 0 and self._baseline is not None:
+            same = np.array_equal(x, self._baseline)
+            told = row if same else self._row(self._rollout(self._baseline, settings.episodes))
             row["baseline_cost_mean"] = told["cost_mean"]
         row |= self._progress.account(segments)
         return {**row, "parameters": self._task.space.named(x), "x": x.tolist(), "final": final}
 
     def evaluate_baseline(self) -> dict[str, Any]:
         """Return `baseline` and its mean cost for a result; {} if the task has no baseline."""
-        if (x := self._baseline()) is None:
+        if self._baseline is None:
             return {}
-        segments = self._rollout(x, self._settings.final_episodes)
+        segments = self._rollout(self._baseline, self._settings.final_episodes)
         row = self._row(segments)
         self._responses["baseline"] = segments
         return {"baseline_cost_mean": row["cost_mean"], "baseline": row}
@@ -84,11 +85,6 @@ class Evaluator:
         }
         told = {"episode": which, "of": len(segments), "loop": loop}
         return episodes, {"shown": {**told, "spec": None if spec is None else str(spec)}}
-
-    def _baseline(self) -> np.ndarray | None:
-        """Return the baseline values (d,) as the tuner sees them; None if the task has none."""
-        task = self._task
-        return None if task.baseline is None else task.space.normalise(task.baseline)
 
     def state(self) -> np.ndarray:
         """Return the last finite recommendation (d,)."""

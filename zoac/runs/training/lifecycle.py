@@ -6,7 +6,7 @@ import signal
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,7 @@ import numpy as np
 from zoac.config import factory
 from zoac.config.auto_tuner import Choice, settled
 from zoac.config.files import AUTO
-from zoac.config.settings import Settings
 from zoac.core.errors import CallbackError, Interrupted, RunFolderError
-from zoac.core.tuner import Tuner
-from zoac.rollout.executors.base import Executor
 from zoac.rollout.task import Task
 from zoac.runs import provenance, schema
 from zoac.runs.log import RunLog
@@ -30,50 +27,42 @@ from zoac.runs.training.identity import with_code
 from zoac.runs.training.trainer import Trainer
 
 
-@dataclass(frozen=True)
 class Run:
-    """Everything that one run is made of.
+    """Everything that one run is made of."""
 
-    Args:
-        identity: `task`, `tuner` and `seed`, for run folder and tables.
-        config: Resolved configuration, for the record and to tell runs apart.
-        command: What was typed, for the record.
-        executor: Where environments run; not yet started.
-        loggers: Where rows go beside the run folder.
-        quiet: Do not say that the run is done already.
-        chosen: What "auto" stands for, and why, if the tuner was left open.
-        doubts: What `config` cannot tell of the task, one sentence each; see
-            `zoac.runs.training.identity.with_code`.
-    """
-
-    identity: Mapping[str, Any]
-    config: Mapping[str, Any]
-    command: Sequence[str]
-    task: Task
-    tuner: Tuner
-    executor: Executor
-    settings: Settings
-    loggers: Sequence[Logger]
-    quiet: bool = False
-    doubts: Sequence[str] = ()
-    chosen: Choice | None = None
-    callbacks: Callbacks = field(default_factory=Callbacks)
-
-    @classmethod
-    def of(cls, config: Mapping[str, Any], task: Task, **more: Any) -> Run:
-        """Return the run that a resolved configuration describes.
-
-        Args:
-            config: Its node `task` is already made into `task`.
-            task: What is tuned.
-            more: The fields that do not follow from these two.
+    def __init__(
+        self,
+        config: Mapping[str, Any],
+        task: Task,
+        *,
+        identity: Mapping[str, Any],
+        command: Sequence[str],
+        loggers: Sequence[Logger],
+        chosen: Choice | None = None,
+        quiet: bool = False,
+        callbacks: Callbacks | None = None,
+    ) -> None:
         """
-        settings = factory.build_settings(config)
-        identified, doubts = with_code(config, task)
-        tuner = factory.build_tuner(config["tuner"], task, settings)
-        executor = factory.build_executor(config)
-        return cls(config=identified, task=task, tuner=tuner, executor=executor,
-                   settings=settings, doubts=doubts, **more)  # fmt: skip
+        Args:
+            config: Resolved configuration; its node `task` is already made into `task`.
+            task: What is tuned.
+            identity: `task`, `tuner` and `seed`, for run folder and tables.
+            command: What was typed, for the record.
+            loggers: Where rows go beside the run folder.
+            chosen: What "auto" stands for, and why, if the tuner was left open.
+            quiet: Do not say that the run is done already.
+            callbacks: Those of the caller.
+
+        Raises:
+            ConfigError: If the configuration cannot be used.
+        """
+        self.task, self.identity, self.command = task, identity, command
+        self.loggers, self.chosen, self.quiet = loggers, chosen, quiet
+        self.callbacks = callbacks
+        self.settings = factory.build_settings(config)
+        self.config, self.doubts = with_code(config, task)
+        self.tuner = factory.build_tuner(config["tuner"], task, self.settings)
+        self.executor = factory.build_executor(config)
 
 
 def run_session(
@@ -105,7 +94,7 @@ def run_session(
     folder = run_folder.of(config, task, tuner)
     brief = lifeline.shares_terminal()
     live = lifeline.is_sweep() or not brief
-    run = Run.of(
+    run = Run(
         config,
         the_task,
         identity={"task": task, "tuner": tuner, "seed": config["seed"]},
@@ -136,7 +125,12 @@ def execute(run: Run, folder: Path, again: str = "the same command") -> dict[str
     run_folder.make(folder)
     with run_folder.held(folder):
         if run_folder.prepare(folder, run.config):
-            _refuse_doubtful(folder, run.doubts)
+            if run.doubts:
+                raise RunFolderError(
+                    f"{folder} holds a result, and whether it is of the same run cannot be told: "
+                    f"{'; '.join(run.doubts)}. Load it with zoac.load_result, choose another "
+                    "folder, or start anew with resume=overwrite"
+                )
             if not run.quiet:
                 print(f"{folder}: done already; resume=overwrite starts anew")
             return schema.read_result(folder)
@@ -173,7 +167,6 @@ def execute(run: Run, folder: Path, again: str = "the same command") -> dict[str
 
 
 def _tell_remarks(task: Task) -> None:
-    """Say what a user should know of the environment before the run."""
     env = task.make_env(1)
     env.close()
     for remark in env.remarks:
@@ -190,16 +183,6 @@ def _tell_what_differs(folder: Path, record: Mapping[str, Any]) -> None:
             "this run continues under other conditions than it began, so its numbers may differ: "
             + "; ".join(changed),
             file=sys.stderr,
-        )
-
-
-def _refuse_doubtful(folder: Path, doubts: Sequence[str]) -> None:
-    """Raise if nobody can tell whether the result in `folder` is this run's."""
-    if doubts:
-        raise RunFolderError(
-            f"{folder} holds a result, and whether it is of the same run cannot be told: "
-            f"{'; '.join(doubts)}. Load it with zoac.load_result, choose another folder, or start "
-            "anew with resume=overwrite"
         )
 
 
@@ -229,17 +212,13 @@ def _stop_on_signal() -> Iterator[Any]:
             signal.signal(number, handler)
 
 
-def _signals(task: Task) -> dict[str, Any]:
-    """Return what a task calls the numbers of an episode; {} if it has no names for them."""
-    if not task.signals:
-        return {}
-    units = {name: signal.unit for name, signal in task.signals.items()}
-    return {"signals": {"sample_time": task.sample_time, "units": units}}
-
-
 def _run_record(run: Run) -> dict[str, Any]:
     """Return the content of `run.json`."""
-    baseline = run.task.baseline
+    task = run.task
+    signals: dict[str, Any] = {}
+    if task.signals:
+        units = {name: signal.unit for name, signal in task.signals.items()}
+        signals = {"signals": {"sample_time": task.sample_time, "units": units}}
     return {
         "format": schema.FORMAT,
         **run.identity,
@@ -248,16 +227,16 @@ def _run_record(run: Run) -> dict[str, Any]:
         "config": dict(run.config),
         "config_hash": schema.config_hash(run.config),
         "command": list(run.command),
-        "objective": run.task.objective,
-        "episodes": run.task.horizon.remark,
+        "objective": task.objective,
+        "episodes": task.horizon.remark,
         "tuner_choices": {
             **({AUTO: str(run.chosen)} if run.chosen else {}),
             **run.tuner.describe(),
-            **factory.baseline_use(run.config["tuner"], run.task, run.settings),
+            **factory.baseline_use(run.config["tuner"], task, run.settings),
         },
-        "parameters": [asdict(p) for p in run.task.space.parameters],
-        "fixed": dict(run.task.fixed),
-        **_signals(run.task),
-        "nominal": None if baseline is None else dict(baseline),
+        "parameters": [asdict(p) for p in task.space.parameters],
+        "fixed": dict(task.fixed),
+        **signals,
+        "nominal": None if task.baseline is None else dict(task.baseline),
         **provenance.here_and_now(),
     }

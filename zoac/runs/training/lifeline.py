@@ -9,7 +9,7 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import cache
 from pathlib import Path
 
@@ -28,9 +28,9 @@ _POLL = 0.25
 _cut = threading.Event()
 
 
-def is_job() -> bool:
-    """Tell whether this process runs jobs of a sweep."""
-    return SWEEP in os.environ
+def sweep() -> Path | None:
+    """Return the folder of the sweep whose jobs this process starts or runs, if there is one."""
+    return Path(os.environ[SWEEP]) if SWEEP in os.environ else None
 
 
 def shares_terminal() -> bool:
@@ -56,11 +56,8 @@ def follow(folder: Path) -> None:
     """End this process `GRACE` seconds after nobody holds a sweep's lifeline, if it has one."""
     if not _file(folder).exists():
         return
-    try:
-        with locked(_file(folder)):
-            _cut.set()
-    except HeldError:
-        pass
+    with suppress(HeldError), locked(_file(folder)):
+        _cut.set()
     threading.Thread(target=_watch, args=(_file(folder),), daemon=True).start()
 
 

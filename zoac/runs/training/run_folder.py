@@ -114,15 +114,11 @@ def empty(folder: Path) -> None:
         # run.json goes last, so that leftovers are never attributed to another run.
         if (folder / schema.CHECKPOINTS).exists():
             shutil.rmtree(folder / schema.CHECKPOINTS)
-        for name in PARTS:
+        for name in (
+            schema.RESULT, schema.RESPONSES, schema.METRICS, schema.TASK, schema.JOURNAL, schema.RUN
+        ):  # fmt: skip
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise RunFolderError(
             f"{folder}: resume=overwrite cannot delete {error.filename}: {error.strerror}"
         ) from None
-
-
-PARTS = (
-    schema.RESULT, schema.RESPONSES, schema.METRICS, schema.TASK, schema.JOURNAL, schema.RUN,
-)  # fmt: skip
-"""Files of a run, in the order in which they are deleted."""

@@ -134,7 +134,6 @@ class Trainer:
             self._evaluate(final=False)
 
     def _evaluate(self, *, final: bool) -> dict[str, Any]:
-        """Evaluate the recommendation, log the row and return it."""
         row = self._evaluator.evaluate(final=final)
         stamp = {**self._stamp(), "compute_seconds": self.progress.compute_seconds}
         self._callbacks.row(self._log.row("eval", stamp, row))
@@ -148,7 +147,6 @@ class Trainer:
         return {"env_steps": progress.env_steps, "wall_seconds": wall_seconds, **more}
 
     def _refuse(self, when: str) -> None:
-        """Raise: every segment failed."""
         progress = self.progress
         raise NothingWorksError(
             f"each of the {progress.segments} episodes so far failed {when}, so there is nothing "
