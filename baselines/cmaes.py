@@ -16,8 +16,8 @@ from zoac.rollout.outcomes import Outcomes
 WIDEST = 2.0 / 3.0
 """Largest standard deviation in normalised coordinates: a third of the box, as pycma has it.
 
-Nevergrad reflects points at the bounds and does not tell pycma of them. Without this limit, costs
-that noise dominates let the deviation grow to several widths of the box.
+Nevergrad reflects points at the bounds and does not tell pycma of the box, so that along parameters
+that hardly matter nothing else keeps the deviation from growing to many widths of the box.
 """
 
 
@@ -71,14 +71,15 @@ class CmaEs(NevergradTuner):
         self._factory = ng.optimizers.registry["CMA"]
         if not self._by_library:
             d = problem.space.dimension
+            first = initial_sigma or 0.5
             # The library scales its mutations by this factor on a bounded box.
-            self._initial_sigma = (initial_sigma or 0.5) / (0.3 if d < 18 else 0.15)
+            self._initial_sigma = first / (0.3 if d < 18 else 0.15)
             self._factory = ng.families.ParametrizedCMA(
                 scale=1.0,
                 popsize=population or 4 + int(3 * np.log(d)),
                 diagonal=covariance == "diagonal",
                 elitist=bool(elitist),
-                inopts={"maxstd": WIDEST / self._initial_sigma},
+                inopts={"maxstd": max(WIDEST, first) / self._initial_sigma},
             )
             self._workers = 1  # with more workers the library would enlarge the population
         super().__init__(problem, recommendation=recommendation, **options)

@@ -88,6 +88,18 @@ def test_a_generation_is_the_population_asked_for():
     assert len(tuner.ask()) == tuner.describe()["population"] == 3
 
 
+@pytest.mark.parametrize("first", [0.5, 0.9])
+def test_parameters_that_do_not_matter_stay_within_a_third_of_the_box(first):
+    tuner = CmaEs(problem(), initial_sigma=first, population=6)
+    largest = []
+    for _ in range(250):
+        x = tuner._ask_library(6)
+        tuner._tell_library(np.array([point[0] for point in x]))
+        largest.append((tuner._strategy.stds * tuner._initial_sigma).max())
+    assert max(largest) <= max(2 / 3, first) + 1e-9
+    assert max(largest) > 0.6  # it went as far as it may
+
+
 def test_without_options_it_is_the_librarys_cma():
     tuner = CmaEs(problem())
     plain = ng.optimizers.registry["CMA"](
