@@ -13,7 +13,7 @@ from zoac.core.tuner import Problem
 from zoac.core.types import Positive
 from zoac.rollout.outcomes import Outcomes
 
-WIDEST = 2.0 / 3.0
+MAX_SIGMA = 2.0 / 3.0
 """Largest standard deviation in normalised coordinates: a third of the box, as pycma has it.
 
 Nevergrad reflects points at the bounds and does not tell pycma of the box, so that along parameters
@@ -79,7 +79,7 @@ class CmaEs(NevergradTuner):
                 popsize=population or 4 + int(3 * np.log(d)),
                 diagonal=covariance == "diagonal",
                 elitist=bool(elitist),
-                inopts={"maxstd": max(WIDEST, first) / self._initial_sigma},
+                inopts={"maxstd": max(MAX_SIGMA, first) / self._initial_sigma},
             )
             self._workers = 1  # with more workers the library would enlarge the population
         super().__init__(problem, recommendation=recommendation, **options)

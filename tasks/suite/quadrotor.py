@@ -22,7 +22,7 @@ PUBLISHED = {
     "kp_xy": 6.5, "kp_z": 15.0, "kd_xy": 4.0, "kd_z": 9.0, "kp_att": 310.0, "kd_att": 57.0,
 }  # fmt: skip
 """RotorPy's gains."""
-FARTHEST = 5.0
+MAX_DISTANCE = 5.0
 """Distance from the curve [m] at which an episode ends; every step that is left costs so much."""
 
 GRAVITY, MASS = 9.81, 0.5  # [m/s^2], [kg]
@@ -34,7 +34,7 @@ LIFT, TORQUE = 5.57e-6, 1.36e-7  # [N s^2], [N m s^2]
 ROTOR_DRAG = np.array([1.19e-4, 1.19e-4, 2.32e-4])  # [kg/rad]
 TRANSLATIONAL_LIFT = 3.39e-3  # [kg/m]
 DRAG = np.array([0.5e-2, 0.5e-2, 1e-2])  # [kg/m]
-MOTOR_LAG, FASTEST = 0.005, 1500.0  # [s], [rad/s]
+MOTOR_LAG, MAX_SPEED = 0.005, 1500.0  # [s], [rad/s]
 HOVER = np.sqrt(MASS * GRAVITY / (4 * LIFT))  # [rad/s]
 MIXER = np.vstack([np.ones(4), ROTORS[:, 1], -ROTORS[:, 0], TORQUE / LIFT * SPIN])
 """Thrust and moments (4) of four rotors' forces (4)."""
@@ -143,7 +143,7 @@ class Quadrotor(gym.Env):
     """
 
     observation_space = gym.spaces.Box(-np.inf, np.inf, (26,), np.float64)
-    action_space = gym.spaces.Box(0.0, FASTEST, (4,), np.float64)
+    action_space = gym.spaces.Box(0.0, MAX_SPEED, (4,), np.float64)
     metadata = {"sample_time": SAMPLE_TIME}
 
     def reset(
@@ -180,9 +180,9 @@ class Quadrotor(gym.Env):
         self._state = advanced(self._state, np.asarray(action, np.float64), self._wind)
         self._count += 1
         self._follow()
-        lost = bool(error > FARTHEST)
+        lost = bool(error > MAX_DISTANCE)
         if lost:
-            cost += FARTHEST * (STEPS - self._count)
+            cost += MAX_DISTANCE * (STEPS - self._count)
         return self._observed(), -cost, lost, False, {}
 
 

@@ -20,10 +20,10 @@ def flight(request):
     rng = np.random.default_rng(request.param)
     state, wind = rng.normal(size=17), rng.normal(size=3)
     state[6:10] /= np.linalg.norm(state[6:10])
-    state[13:17] = rng.uniform(0.0, quadrotor.FASTEST, 4)
+    state[13:17] = rng.uniform(0.0, quadrotor.MAX_SPEED, 4)
     x, v, q, w, speeds = np.split(state, [3, 6, 10, 13])
     theirs = {"x": x, "v": v, "q": q, "w": w, "wind": wind, "rotor_speeds": speeds}
-    return state, rng.uniform(0.0, quadrotor.FASTEST, 4), wind, theirs
+    return state, rng.uniform(0.0, quadrotor.MAX_SPEED, 4), wind, theirs
 
 
 def test_forces_and_moments_are_rotorpys(flight):
@@ -71,7 +71,7 @@ def test_the_published_gains_follow_the_curve():
     env = quadrotor.Quadrotor()
     observation, _ = env.reset(seed=0)
     for _ in range(quadrotor.STEPS):
-        action = np.clip(quadrotor.fly(quadrotor.PUBLISHED, observation), 0.0, quadrotor.FASTEST)
+        action = np.clip(quadrotor.fly(quadrotor.PUBLISHED, observation), 0.0, quadrotor.MAX_SPEED)
         observation, _, lost, _, _ = env.step(action)
         assert not lost
     assert np.linalg.norm(observation[:3] - observation[17:20]) < 0.25
