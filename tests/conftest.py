@@ -1,6 +1,7 @@
 """What all tests share."""
 
 import os
+import signal
 import tempfile
 
 import pytest
@@ -9,6 +10,9 @@ from hypothesis import settings
 # A busy machine is no reason to fail, nor is the first call of what is compiled.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+# Where tests run in a shell's background, SIGINT is ignored, and so would be by what they start.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 # Tests run side by side.
 os.environ.setdefault("ZOAC_CORES", "1")
 
