@@ -14,10 +14,10 @@ from zoac.core.types import Positive
 from zoac.rollout.outcomes import Outcomes
 
 MAX_SIGMA = 2.0 / 3.0
-"""Largest standard deviation in normalised coordinates: a third of the box, as pycma has it.
+"""Largest standard deviation in normalised coordinates: a third of the box.
 
-Nevergrad reflects points at the bounds and does not tell pycma of the box, so that along parameters
-that hardly matter nothing else keeps the deviation from growing to many widths of the box.
+pycma sets this limit itself where it knows the bounds, but Nevergrad reflects points at the bounds
+and does not pass them on. The deviation of parameters that hardly matter would grow without end.
 """
 
 

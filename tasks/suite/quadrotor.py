@@ -1,10 +1,8 @@
 """A quadrotor that follows a Lissajous curve in wind: RotorPy's AscTec Hummingbird.
 
-Equations of motion, numbers, controller (Mellinger and Kumar, ICRA 2011) and the weights of the
-cost, `hover_reward`'s, are those of RotorPy 3.0 (Folk, Paulos and Kumar, 2023).
+Equations of motion, numbers and controller (Mellinger and Kumar, ICRA 2011) are those of RotorPy
+3.0 (Folk, Paulos and Kumar, 2023). So are the weights of the cost, from its `hover_reward`.
 """
-
-from __future__ import annotations
 
 from typing import Any
 
@@ -23,7 +21,7 @@ PUBLISHED = {
 }  # fmt: skip
 """RotorPy's gains."""
 MAX_DISTANCE = 5.0
-"""Distance from the curve [m] at which an episode ends; every step that is left costs so much."""
+"""Farther from the curve [m] an episode ends, and each step that is left costs this much."""
 
 GRAVITY, MASS = 9.81, 0.5  # [m/s^2], [kg]
 INERTIA = np.array([3.65e-3, 3.68e-3, 7.03e-3])  # [kg m^2]
@@ -138,8 +136,8 @@ def rotor_speeds(gains: np.ndarray, state: np.ndarray, reference: np.ndarray) ->
 class Quadrotor(gym.Env):
     """Observation: the state (17), then the curve's position, velocity and acceleration (9).
 
-    The action are the rotors' commanded speeds [rad/s]. Every episode draws the curve, the start
-    and a constant wind [m/s].
+    Action: the commanded speeds of the rotors (4,) [rad/s]. Every episode draws the curve, the
+    start and a constant wind [m/s].
     """
 
     observation_space = gym.spaces.Box(-np.inf, np.inf, (26,), np.float64)

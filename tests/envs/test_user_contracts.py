@@ -105,7 +105,9 @@ def test_arrays_of_one_number_count_as_numbers():
     assert segment(Typed).costs.tolist() == segment(Drift).costs.tolist()
 
 
-@pytest.mark.parametrize("observation", [{"x": 1.0}, "x", [[1.0], [2.0, 3.0]]])
+@pytest.mark.parametrize(
+    "observation", [{"x": 1.0}, "x", [[1.0], [2.0, 3.0]], np.array(["x"]), np.array([{}])]
+)
 def test_an_observation_that_is_no_number_is_told(observation):
     class Odd(Drift):
         def step(self, action):

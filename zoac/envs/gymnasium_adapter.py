@@ -232,8 +232,6 @@ class GymnasiumVecEnv(VecEnv):
             numbers[env_index] = value
 
     def _flat(self, observation: Any) -> np.ndarray:
-        if isinstance(observation, np.ndarray) and observation.shape == self._seen.shape[1:]:
-            return observation
         try:
             flat = np.asarray(observation, dtype=np.float64).reshape(-1)
         except (TypeError, ValueError):
