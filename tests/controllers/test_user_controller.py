@@ -231,6 +231,57 @@ class Starts(Integrator):
         raise AssertionError("called")
 
 
+class Kept:
+    """Returns the same array at every call, as a function or as a batched controller."""
+
+    def __init__(self):
+        self.action, self.calls = np.zeros((4, 1)), 0
+
+    def init(self, n):
+        return {}
+
+    def alone(self, params, obs):
+        self.action[0] = -params["k"] * obs[0]
+        return self.action[0]
+
+    def act(self, params, obs, memory):
+        if params["k"].max() > 0.58:
+            raise ValueError("too far")
+        self.action[: len(obs), 0] = -params["k"] * obs[:, 0]
+        return self.action[: len(obs)], memory, {}
+
+
+def test_an_array_that_a_controller_returns_again_and_again_is_copied():
+    def fresh(params, obs):
+        if params["k"] > 0.58:
+            raise ValueError("too far")
+        return -params["k"] * obs[0]
+
+    expected = group(fresh, (0, 1, 2), penalty=9.0).rollout(plan(0, 1, 2))
+    alone = group(Kept().alone, (0, 1)).rollout(plan(0, 1))
+    batched = group(Kept(), (0, 1, 2), penalty=9.0).rollout(plan(0, 1, 2))
+    assert expected[2].failure is not None
+    for found, same in zip([*alone, *batched], [*expected[:2], *expected], strict=True):
+        assert np.array_equal(found.commands, same.commands)
+
+
+class Counts(Kept):
+    """Acts by how often it was called, which no memory holds."""
+
+    def act(self, params, obs, memory):
+        self.calls += 1
+        self.action[:] = params["k"] * self.calls
+        return self.action[: len(obs)], memory, {}
+
+
+@pytest.mark.parametrize(
+    ("form", "text"), [(Kept, "nothing lasts but its memory"), (Counts, "it has hidden state")]
+)
+def test_the_check_is_not_misled_by_an_array_that_is_returned_again(form, text):
+    task = user_task(env=Drift, controller=form, space={"k": (0.0, 0.5)}, max_episode_steps=9)
+    assert text in hidden_state(task)[1]
+
+
 def test_a_method_called_init_makes_no_batched_controller():
     expected = group(Integrator()).rollout(plan(0, 1))
     for one, other in zip(group(Starts()).rollout(plan(0, 1)), expected, strict=True):

@@ -31,6 +31,7 @@ def hidden_state(task: Task) -> Found:
         first, following, _ = controller.act(
             parameters, given, memory if stateful else deepcopy(dict(memory))
         )
+        first = np.array(first)  # the next call may change it
         if not np.array_equal(given[0], observation):
             return False, "it changes the observation that it is given; copy it first"
         if twice:
@@ -98,5 +99,5 @@ def _replayed(
     memory, actions = controller.init(1) if memory is None else memory, []
     for observation in segment.observations[:-1]:
         action, memory, _ = controller.act(parameters, observation[None].copy(), memory)
-        actions.append(np.asarray(action, dtype=np.float64)[0])
+        actions.append(np.array(action, dtype=np.float64)[0])
     return np.stack(actions)

@@ -115,17 +115,20 @@ class ScalarController:
         self, params: Parameters, obs: np.ndarray, memory: Memory
     ) -> tuple[np.ndarray, Memory, Diagnostics]:
         """See `Controller.act`; but objects in `memory` change in place."""
-        rows = zip(*(values.tolist() for values in params.values()), strict=True)
-        actions = []
-        for env_index, (numbers, observation) in enumerate(zip(rows, obs.copy(), strict=True)):
-            values = {**dict(zip(params, numbers, strict=True)), **self._fixed}
-            for name, plain in self._plain.items():
-                values[name] = plain(values[name])
-            act = memory["controller"][env_index].act if self._remembers else self._controller
+        n, names, actions = len(obs), tuple(params), []
+        rows = zip(*[values.tolist() for values in params.values()], strict=True)
+        own = [o.act for o in memory["controller"]] if self._remembers else [self._controller] * n
+        for act, numbers, observation in zip(own, rows, obs.copy(), strict=True):
+            values = dict(zip(names, numbers, strict=True))
+            if self._fixed or self._plain:
+                values |= self._fixed
+                for name, plain in self._plain.items():
+                    values[name] = plain(values[name])
             action = act(values, observation)
             if action is None:
                 raise TypeError("act returned None, expected a number or an array")
-            actions.append(np.asarray(action, dtype=np.float64).reshape(-1))
+            # Copied: the next call may change an array that the controller keeps.
+            actions.append(np.array(action, dtype=np.float64).reshape(-1))
         return np.array(actions), memory, {}
 
 

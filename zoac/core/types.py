@@ -1,5 +1,6 @@
 """Ranges of numbers that options declare, and what counts as a number."""
 
+import math
 from typing import Annotated, Any
 
 import numpy as np
@@ -17,3 +18,9 @@ def is_number(value: Any) -> bool:
     """Tell whether `value` is a real number of Python's or numpy's; True and False are none."""
     kinds = (int, float, np.integer, np.floating)
     return isinstance(value, kinds) and not isinstance(value, bool)
+
+
+def all_finite(array: np.ndarray) -> bool:
+    """Tell whether no number of a real array is infinite or NaN."""
+    # The sum of squares is quickest, but may overflow where every number is finite.
+    return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())

@@ -2,7 +2,6 @@
 
 import contextlib
 import copy
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -18,7 +17,7 @@ from zoac.core.errors import (
 )
 from zoac.core.seeding import stream
 from zoac.core.state import OwnObject
-from zoac.core.types import is_number
+from zoac.core.types import all_finite, is_number
 from zoac.envs.base import VecEnv, Watch
 from zoac.envs.objective import Objective
 from zoac.envs.plant_numbers import Bounds, PlantNumbers
@@ -98,6 +97,7 @@ class GymnasiumVecEnv(VecEnv):
             self._numbers.put(env, self._numbers.fixed)
         self._draws: list[np.random.Generator] = [np.random.default_rng(0) for _ in envs]
         self._seen = np.zeros((len(envs), size))
+        self._row_shape, self._dtype = (size,), first.observation_space.dtype
         self._watch: Watch | None = None
 
     def watch(self, watch: Watch) -> None:
@@ -135,7 +135,7 @@ class GymnasiumVecEnv(VecEnv):
                 observation, told_info = _parts(result, "reset", ("observation", "info"))
                 self._numbers.check(self._envs[env_index], numbers)
                 flat = self._flat(observation)
-                if not np.isfinite(flat).all():
+                if not all_finite(flat):
                     raise _not_finite(flat)
                 self._seen[env_index] = flat
                 self._measure(env_index, told_info, "reset")
@@ -157,7 +157,7 @@ class GymnasiumVecEnv(VecEnv):
         """
         n = self.num_envs
         failures: dict[int, EnvironmentFailure] = {}
-        costs, terminated, truncated = [0.0] * n, [False] * n, [False] * n
+        costs, terminated, truncated = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
         taken = env_actions(self._taken, actions)
         measured = {INFO_BEFORE + key: numbers.copy() for key, numbers in self._info.items()}
         self._steps += 1 if mask is None else mask
@@ -179,19 +179,20 @@ class GymnasiumVecEnv(VecEnv):
                     f"an episode has not ended after {self.max_episode_steps:,} steps; the "
                     "environment needs a time limit: give max_episode_steps"
                 )
-            terminated[env_index] = bool(ended)
-            truncated[env_index] = bool(cut or over_time) and not ended
-        # The sum of squares, the quickest test, may also overflow.
-        if not math.isfinite(np.vdot(seen, seen)):
+            if ended:
+                terminated[env_index] = True
+            elif cut or over_time:
+                truncated[env_index] = True
+        if not all_finite(seen):
             for env_index in np.flatnonzero(~np.isfinite(seen).all(axis=1)).tolist():
                 failures[env_index] = _not_finite(seen[env_index])
                 seen[env_index] = self._seen[env_index]
                 costs[env_index], terminated[env_index], truncated[env_index] = 0.0, False, False
-        self._seen, cost = seen, np.array(costs)
+        self._seen = seen
         measured |= {INFO + key: numbers.copy() for key, numbers in self._info.items()}
         applied = np.array(taken, dtype=np.float64).reshape(actions.shape)
-        infos = {"cost": cost, "failures": failures, "actions": applied, "measured": measured}
-        return seen.copy(), -cost, np.array(terminated), np.array(truncated), infos
+        infos = {"cost": costs, "failures": failures, "actions": applied, "measured": measured}
+        return seen.copy(), -costs, terminated, truncated, infos
 
     def _call(self, env_index: int, method: str, *arguments: Any, **options: Any) -> Any:
         """Call an environment's method; one that raises is replaced by a new environment.
@@ -232,6 +233,14 @@ class GymnasiumVecEnv(VecEnv):
             numbers[env_index] = value
 
     def _flat(self, observation: Any) -> np.ndarray:
+        """Return an observation as a row of numbers.
+
+        Raises:
+            EnvironmentContractError: If it is not one of the observation space.
+        """
+        as_declared = isinstance(observation, np.ndarray) and observation.dtype == self._dtype
+        if as_declared and observation.shape == self._row_shape:
+            return observation
         try:
             flat = np.asarray(observation, dtype=np.float64).reshape(-1)
         except (TypeError, ValueError):

@@ -148,7 +148,8 @@ def env_actions(space: gymnasium.Space, actions: np.ndarray) -> np.ndarray | lis
     assert isinstance(space, Box)
     whole = space.dtype.kind in "iu"
     actions = (np.rint(actions) if whole else actions).reshape(-1, *space.shape)
-    return np.minimum(np.maximum(actions, space.low), space.high).astype(space.dtype)
+    low, high = space.low.astype(np.float64), space.high.astype(np.float64)
+    return np.minimum(np.maximum(actions, low), high).astype(space.dtype)
 
 
 def env_action(space: gymnasium.Space, action: np.ndarray) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 from zoac.controllers.stateful_controller import StatefulController, state_of
 from zoac.core.errors import ControllerError, ZoacError, suggest
 from zoac.core.state import OwnObject
+from zoac.core.types import all_finite
 
 if TYPE_CHECKING:
     from zoac.rollout.task import Task
@@ -112,16 +113,17 @@ class Controllers:
                 f"the controller raised {type(error).__name__}: {error}{self._nearest(error)}. "
                 f"{self._place(rows[0])}"
             ) from error
-        actions = np.asarray(actions, dtype=np.float64)
+        # Copied: the next call may change an array that the controller keeps.
+        actions = np.array(actions, dtype=np.float64)
         expected = (len(rows), *self._action_shape)
         if actions.shape != expected:
             raise ControllerError(
                 f"the controller returned actions of shape {actions.shape}, expected {expected} "
                 f"(environments, action size). {self._place(rows[0])}"
             )
-        finite = np.isfinite(actions)
-        if not finite.all():
-            row = int(np.flatnonzero(~finite.reshape(len(rows), -1).all(axis=1))[0])
+        if not all_finite(actions):
+            finite = np.isfinite(actions).reshape(len(rows), -1).all(axis=1)
+            row = int(np.flatnonzero(~finite)[0])
             raise ControllerError(
                 f"the controller returned the action {actions[row].tolist()}; every number must "
                 f"be finite. {self._place(rows[row])}"

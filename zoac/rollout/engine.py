@@ -96,7 +96,7 @@ class RolloutEngine:
         for index, proposal in enumerate(proposals):
             queues[self._row_of[proposal.env_index]].append(index)
         running: dict[int, _Running] = {}
-        remaining = np.full(self.n, -1, dtype=np.int64)
+        last_rows = np.full(self.n, -1, dtype=np.int64)  # of segments with a horizon
         active = np.zeros(self.n, dtype=bool)
         record = Recording(self.n, self._observations.shape[1:], self._action_shape)
         segments: list[Segment | None] = [None] * len(proposals)
@@ -109,21 +109,18 @@ class RolloutEngine:
             self._values[:, env_index] = values[index]
             running[env_index] = self._stand(env_index, index, proposals[index], record.rows)
             horizon = proposals[index].horizon
-            remaining[env_index] = -1 if horizon is None else horizon
+            last_rows[env_index] = -1 if horizon is None else record.rows + horizon
 
         for env_index in range(self.n):
             begin(env_index)
-        while active.any():
+        while running:
             before = self._observations
             actions, commands, costs, terminated, truncated, diagnostics = self._advance(active)
             record.append(before, actions, commands, costs, diagnostics)
             self._steps += active
-            remaining -= 1
-            over = (terminated | truncated | (remaining == 0)) & active
-            if not over.any():
-                continue
-            for env_index in np.flatnonzero(over).tolist():
-                run = running[env_index]
+            over = (terminated | truncated | (last_rows == record.rows)) & active
+            for env_index in over.nonzero()[0].tolist():
+                run = running.pop(env_index)
                 ended, cut = bool(terminated[env_index]), bool(truncated[env_index])
                 segment = Segment(
                     proposal=proposals[run.index],
@@ -150,9 +147,9 @@ class RolloutEngine:
             diagnostics.
         """
         self._failures, self._not_begun = self._not_begun, {}
-        moves = active.copy()
+        moves = active
         if self._failures:
-            moves[list(self._failures)] = False
+            moves = active & ~np.isin(np.arange(self.n), list(self._failures))
         rows = moves.nonzero()[0]
         commands, diagnostics = self._controllers.act(rows, self._observations, self._failures)
         before = self._observations
