@@ -1,4 +1,4 @@
-"""Acquisition functions of a Gaussian process, with their gradients.
+"""Acquisition functions of a Gaussian process, with their gradients, and their maximum.
 
 The values are those of `bayes_opt.util.UtilityFunction`. The library maximises them by finite
 differences through scikit-learn, which takes most of the time of an ask. This module has the exact
@@ -6,14 +6,17 @@ gradient for the library's kernel, a Matern of smoothness 5/2 with one length sc
 """
 
 import math
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.optimize import minimize
 from scipy.special import ndtr
 from sklearn.gaussian_process import GaussianProcessRegressor
 
 Kind = Literal["ucb", "ei", "poi"]
+Rounding = Callable[[np.ndarray], np.ndarray]
 
 _MIN_VARIANCE = 1e-12  # relative to the prior's; rounding makes it negative at known points
 _PIECE = 500  # points at a time, for matrices that stay in the processor's cache
@@ -101,6 +104,47 @@ class Acquisition:
         if self._kind == "poi":
             return density / std, -density * gain / std
         return float(ndtr(gain)), density
+
+
+def maximise(
+    acquisition: Acquisition,
+    bounds: np.ndarray,
+    random_state: np.random.RandomState,
+    rounded: Rounding = np.asarray,
+    samples: int = 10_000,
+    starts: int = 10,
+) -> np.ndarray:
+    """Return the best point (d,) of a random search and of L-BFGS-B from random starts.
+
+    The algorithm and its random numbers are those of `bayes_opt.util.acq_max`; the gradients are
+    exact.
+
+    Args:
+        acquisition: What to maximise.
+        bounds: Lower and upper bounds (d, 2).
+        random_state: Gives the random points.
+        rounded: Rounds points (..., d) to allowed values. Coordinates that it changes stay at the
+            start.
+        samples: Points of the random search.
+        starts: Starts of L-BFGS-B.
+    """
+    low, high = bounds.T
+    points = rounded(random_state.uniform(low, high, (samples, len(low))))
+    values = acquisition.values(points)
+    best, best_value = points[values.argmax()], values.max()
+
+    def descend(x: np.ndarray) -> tuple[float, np.ndarray]:
+        value, gradient = acquisition.value_and_gradient(x)
+        return -value, -gradient
+
+    for drawn in random_state.uniform(low, high, (starts, len(low))):
+        start = rounded(drawn)
+        free = start == drawn
+        box = np.stack([np.where(free, low, start), np.where(free, high, start)], axis=1)
+        result = minimize(descend, start, jac=True, bounds=box, method="L-BFGS-B")
+        if result.success and -result.fun >= best_value:
+            best, best_value = result.x, -result.fun
+    return np.clip(best, low, high)
 
 
 def _matern(distances: np.ndarray) -> np.ndarray:

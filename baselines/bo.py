@@ -3,18 +3,16 @@
 import contextlib
 import io
 import warnings
-from collections.abc import Callable
 from copy import deepcopy
 from functools import partial
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field
-from scipy.optimize import minimize
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import Matern
 
-from zoac.baselines.acquisition import Acquisition
+from zoac.baselines.acquisition import Acquisition, Rounding, maximise
 from zoac.baselines.nevergrad import NevergradTuner, ng
 from zoac.core.parameters import ParameterSpace
 from zoac.core.seeding import global_random_kept
@@ -22,8 +20,6 @@ from zoac.core.state import OwnObject
 from zoac.core.tuner import Problem
 from zoac.core.types import Count, NonNegative, Positive
 from zoac.rollout.outcomes import Outcomes
-
-Rounding = Callable[[np.ndarray], np.ndarray]
 
 
 class BayesOpt(NevergradTuner):
@@ -237,44 +233,3 @@ def suggest(
     )
     point = maximise(acquisition, bo.space.bounds, bo.space.random_state, rounded)
     return bo.space.array_to_params(point)
-
-
-def maximise(
-    acquisition: Acquisition,
-    bounds: np.ndarray,
-    random_state: np.random.RandomState,
-    rounded: Rounding = np.asarray,
-    samples: int = 10_000,
-    starts: int = 10,
-) -> np.ndarray:
-    """Return the best point (d,) of a random search and of L-BFGS-B from random starts.
-
-    The algorithm and its random numbers are those of `bayes_opt.util.acq_max`; the gradients are
-    exact.
-
-    Args:
-        acquisition: What to maximise.
-        bounds: Lower and upper bounds (d, 2).
-        random_state: Gives the random points.
-        rounded: Rounds points (..., d) to allowed values. Coordinates that it changes stay at the
-            start.
-        samples: Points of the random search.
-        starts: Starts of L-BFGS-B.
-    """
-    low, high = bounds.T
-    points = rounded(random_state.uniform(low, high, (samples, len(low))))
-    values = acquisition.values(points)
-    best, best_value = points[values.argmax()], values.max()
-
-    def descend(x: np.ndarray) -> tuple[float, np.ndarray]:
-        value, gradient = acquisition.value_and_gradient(x)
-        return -value, -gradient
-
-    for drawn in random_state.uniform(low, high, (starts, len(low))):
-        start = rounded(drawn)
-        free = start == drawn
-        box = np.stack([np.where(free, low, start), np.where(free, high, start)], axis=1)
-        result = minimize(descend, start, jac=True, bounds=box, method="L-BFGS-B")
-        if result.success and -result.fun >= best_value:
-            best, best_value = result.x, -result.fun
-    return np.clip(best, low, high)

@@ -8,8 +8,8 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import Matern
 
 from tests.baselines.support import STEPS, TARGET, drive, engine, problem, spoiled, true_cost
-from zoac.baselines.acquisition import Acquisition
-from zoac.baselines.bo import BayesOpt, BoundedRegressor, kept_observations, maximise
+from zoac.baselines.acquisition import Acquisition, maximise
+from zoac.baselines.bo import BayesOpt, BoundedRegressor, kept_observations
 from zoac.baselines.extras.model_tuner import normal_scores
 from zoac.baselines.extras.optuna import Optuna
 from zoac.baselines.random_search import RandomSearch

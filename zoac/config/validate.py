@@ -11,7 +11,6 @@ import re
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -23,7 +22,7 @@ from pydantic import (
     ValidationError,
 )
 
-from zoac.core.errors import ConfigError, suggest
+from zoac.core.errors import ConfigError, nearest, suggest
 
 TARGET = "_target_"
 
@@ -193,5 +192,5 @@ def _nearest(error: Any) -> str:
     if error["type"] != "literal_error":
         return ""
     choices = re.findall(r"'([^']*)'", error["ctx"]["expected"])
-    close = get_close_matches(str(error["input"]), choices, n=1)
-    return f"; did you mean {close[0]!r}?" if close else ""
+    close = nearest(str(error["input"]), choices)
+    return f"; did you mean {close!r}?" if close is not None else ""

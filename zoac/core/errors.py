@@ -133,6 +133,11 @@ def needs_matplotlib() -> Iterator[None]:
         raise ConfigError("figures need Matplotlib: pip install 'zoac[figures]'") from error
 
 
+def nearest(name: str, choices: Iterable[str]) -> str | None:
+    """Return the choice that is spelt nearly like `name`, if there is one."""
+    return next(iter(get_close_matches(name, choices, n=1, cutoff=0.5)), None)
+
+
 def suggest(name: str, choices: Iterable[str]) -> str:
     """Return "did you mean ...?" and the list of valid choices, as one clause.
 
@@ -145,11 +150,11 @@ def suggest(name: str, choices: Iterable[str]) -> str:
     if (now := f"{place}{dot}{RENAMED.get(last, last)}") in known and last in RENAMED:
         return f"it is now called {now!r}"
     by_last = {choice.rpartition(".")[2]: choice for choice in reversed(known)}
-    close = get_close_matches(last, by_last, n=1, cutoff=0.5)
-    hint = f"did you mean {by_last[close[0]]!r}? " if close else ""
+    close = nearest(last, by_last)
+    hint = f"did you mean {by_last[close]!r}? " if close is not None else ""
     if len(known) > MAX_LISTED:
-        nearest = get_close_matches(str(name), known, n=MAX_LISTED, cutoff=0.0)
-        return f"{hint}nearest of {len(known)} known: {', '.join(nearest)}"
+        listed = get_close_matches(str(name), known, n=MAX_LISTED, cutoff=0.0)
+        return f"{hint}nearest of {len(known)} known: {', '.join(listed)}"
     return f"{hint}known: {', '.join(known) if known else '(none)'}"
 
 

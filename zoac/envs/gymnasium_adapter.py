@@ -233,11 +233,7 @@ class GymnasiumVecEnv(VecEnv):
             numbers[env_index] = value
 
     def _flat(self, observation: Any) -> np.ndarray:
-        """Return an observation as a row of numbers.
-
-        Raises:
-            EnvironmentContractError: If it is not one of the observation space.
-        """
+        """Return the numbers of an observation as a row."""
         as_declared = isinstance(observation, np.ndarray) and observation.dtype == self._dtype
         if as_declared and observation.shape == self._row_shape:
             return observation

@@ -1,4 +1,4 @@
-"""What the rows of a journal come to: the trials of a study."""
+"""The trials of a study, as the rows of its journal give them; `journal.py` keeps them on disk."""
 
 from __future__ import annotations
 
