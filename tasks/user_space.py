@@ -30,6 +30,8 @@ def parse_space(
     fixed: dict[str, float] = {}
     start: dict[str, Any] = {}
     for name, entry in space.items():
+        if not isinstance(name, str) or not name:
+            raise ConfigError(f"space: the name of a parameter must be text, got {name!r}")
         where, entry = f"space[{name!r}]", _plain(entry)
         if isinstance(entry, (int, float)):
             fixed[name] = float(entry)

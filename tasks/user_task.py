@@ -2,8 +2,8 @@
 
 import copy
 import re
-from collections.abc import Mapping, Sequence
-from contextlib import closing
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from typing import Any, Protocol, Self
 
@@ -152,7 +152,7 @@ class UserTask(Task):
         self.objective = objective_text(self.specs, str(Objective(of_env)))
         self.signals = signals_of(signals or {})
         if self.signals or self.specs:
-            with closing(self._one_env()) as env_once:
+            with self._env_once() as env_once:
                 self.sample_time = sample_time_of(sample_time, env_once)
             check(self.specs, self.signals, self.sample_time)
         self.make_controller()  # says what is wrong with it
@@ -183,6 +183,16 @@ class UserTask(Task):
     def _one_env(self) -> gymnasium.Env:
         return single_env(self._env)
 
+    @contextmanager
+    def _env_once(self) -> Iterator[gymnasium.Env]:
+        """Make an environment to look at, and close it."""
+        env = self._one_env()
+        try:
+            yield env
+        finally:
+            with suppress(Exception):  # it has served
+                env.close()
+
     def make_controller(self) -> Controller:
         return as_controller(self._controller, self.fixed, self.space)
 
@@ -191,13 +201,13 @@ class UserTask(Task):
 
     @cached_property
     def _action_space(self) -> gymnasium.Space:
-        with closing(self._one_env()) as env_once:
+        with self._env_once() as env_once:
             return env_once.action_space
 
     @cached_property
     def shortest_horizon(self) -> int:
         """See `Task.shortest_horizon`; what the environment says."""
-        with closing(self._one_env()) as env_once:
+        with self._env_once() as env_once:
             return shortest_horizon_of(env_once)
 
     def with_plant(self, plant: Mapping[str, float]) -> Self:
@@ -209,7 +219,7 @@ class UserTask(Task):
 
     def varied(self, vary: Mapping[str, Bounds]) -> PlantNumbers:
         """Return what draws such numbers of the plant: whole ones where the plant's are whole."""
-        with closing(self._one_env()) as env_once:
+        with self._env_once() as env_once:
             return PlantNumbers(env_once, {}, vary)
 
 

@@ -441,3 +441,70 @@ def stop_at_call(number, calls, original=Trainer._checkpoint_if_due):
         original(self)
 
     return due
+
+
+def test_a_function_that_makes_the_same_object_again_is_refused():
+    one = Integrator()
+    with pytest.raises(ConfigError, match="the same object again, and each environment needs"):
+        group(lambda: one)
+
+
+class Called(Integrator):
+    """Is called itself."""
+
+    def __call__(self, params, obs):
+        return self.act(params, obs)
+
+
+@pytest.mark.parametrize("form", [Integrator().act, functools.partial(Called)().__call__])
+def test_a_method_of_an_object_that_must_be_reset_is_refused(form):
+    with pytest.raises(ConfigError, match=r"an object with reset\(\).*give the object itself"):
+        group(form)
+
+
+class Whole(Recipe):
+    """Begins with a memory of another kind than it goes on with."""
+
+    def init(self, n):
+        return {"total": np.zeros(n, int)}
+
+
+class Short(Recipe):
+    """Forgets its memory."""
+
+    def act(self, params, obs, memory):
+        return *super().act(params, obs, memory)[:1], {}, {}
+
+
+@pytest.mark.parametrize(
+    ("form", "text"),
+    [
+        (Whole, r"'total' is float64 of shape \(n\), and began as int64 of shape \(n\)"),
+        (Short, "'total' is not there, and began as float64"),
+    ],
+)
+@pytest.mark.parametrize("env_indices", [(0,), (0, 1)])
+def test_a_memory_must_begin_as_it_goes_on(form, text, env_indices):
+    with pytest.raises(ControllerError, match=text):
+        group(form()).rollout(plan(*env_indices))
+
+
+class KeptMemory(Recipe):
+    """Returns the same memory at every call, filled anew."""
+
+    def __init__(self):
+        self.total = np.zeros(3)
+
+    def act(self, params, obs, memory):
+        if params["k"].max() > 0.58:
+            raise ValueError("too far")
+        n = len(obs)
+        self.total[:n] = memory["total"] + obs[:, 0]
+        return (-params["k"] * self.total[:n])[:, None], {"total": self.total[:n]}, {}
+
+
+def test_a_memory_that_is_returned_again_is_copied_where_environments_are_asked_one_by_one():
+    together = group(KeptMemory(), (0, 1, 2), penalty=9.0).rollout(plan(0, 1, 2))
+    expected = group(Recipe(), (0, 1)).rollout(plan(0, 1))
+    for found, same in zip(together, expected, strict=False):
+        assert np.array_equal(found.commands, same.commands)

@@ -121,3 +121,49 @@ def test_a_run_is_the_same_as_with_copies(tuner):
     assert SHARED["saves"] > 0
     assert result.parameters == tuned(Copied).parameters
     assert result.record["env_restarts"] == 0
+
+
+class Late(Copied):
+    """Has a state to save only after its first reset, which depends on a number of the plant."""
+
+    gain = 1.0
+
+    def reset(self, *, seed=None, options=None):
+        observation, info = super().reset(seed=seed)
+        self.x = observation[0]
+        return observation, info
+
+    def step(self, action):
+        self.x += 0.1 * self.gain * float(action[0])
+        return np.array([self.x]), -(self.x**2), False, False, {}
+
+    def get_state(self):
+        return self.x
+
+    def set_state(self, state):
+        self.x = state
+
+
+def test_an_environment_that_was_never_reset_is_saved_as_such():
+    env, twin = (task(Late).make_env(2) for _ in range(2))
+    env.reset(seed=[1, 2], options={"reset_mask": np.array([True, False])})
+    state = env.state([0, 1])
+    twin.restore([0, 1], state)
+    for one in (env, twin):
+        one.reset(seed=[3, 4], options={"reset_mask": np.array([False, True])})
+    steps = [one.step(np.ones((2, 1)))[0] for one in (env, twin)]
+    assert np.array_equal(*steps)
+
+
+def test_numbers_that_an_episode_drew_are_saved_beside_what_get_state_returns():
+    varied = user_task(
+        env=lambda: made(Late), controller=p, space={"k": (0.0, 5.0)}, vary={"gain": (0.5, 2.0)}
+    )
+    assert varied.restore_fault is None
+    env = varied.make_env(1)
+    env.reset(seed=[1])
+    state = env.state([0])
+    expected = env.step(np.ones((1, 1)))[0]
+    env.reset(seed=[2])
+    env.restore([0], state)
+    assert np.array_equal(env.step(np.ones((1, 1)))[0], expected)

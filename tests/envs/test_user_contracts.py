@@ -209,3 +209,67 @@ def test_a_metric_or_constraint_that_raises_is_named_with_what_a_segment_has():
 def test_a_controller_that_forgets_to_return_is_told_so():
     with pytest.raises(ControllerError, match="act returned None, expected a number"):
         segment(controller=lambda params, obs: None)
+
+
+def test_a_function_that_makes_the_same_environment_again_is_refused():
+    one = Drift()
+    with pytest.raises(ConfigError, match="returned the same Drift again; expected a new one"):
+        task(env=lambda: one).make_env(2)
+
+
+class InPlace(Drift):
+    """Changes its action, after it has used it."""
+
+    def step(self, action):
+        answer = super().step(action)
+        action += 1.0
+        return answer
+
+
+def test_what_an_environment_does_with_its_action_is_not_recorded():
+    assert np.array_equal(segment(InPlace).actions, segment(Drift).actions)
+
+
+class Told(Drift):
+    """Ends its episode by a value of any kind."""
+
+    def __init__(self, ended):
+        self.ended = ended
+
+    def step(self, action):
+        observation, reward, _, _, info = super().step(action)
+        return observation, reward, self.ended, False, info
+
+
+@pytest.mark.parametrize("ended", [1, np.True_, np.ones(1), np.array(1)])
+def test_an_episode_ends_by_any_truth_value(ended):
+    assert segment(lambda: Told(ended)).terminated
+
+
+@pytest.mark.parametrize("ended", ["False", np.zeros(2), [], {}])
+def test_what_is_no_truth_value_is_told(ended):
+    with pytest.raises(EnvironmentContractError, match="as terminated, expected True or False"):
+        segment(lambda: Told(ended))
+
+
+class Stuck(Drift):
+    def close(self):
+        raise OSError("no viewer")
+
+
+def test_an_environment_that_cannot_be_closed_is_tuned_all_the_same():
+    given = task(Stuck, signals={"y": zoac.observation(0)}, sample_time=0.1)
+    given.make_env(2).close()
+    assert given.shortest_horizon is not None
+
+
+@pytest.mark.parametrize(("steps", "limit"), [(3, 3), (9, 4), (None, 4)])
+def test_the_smaller_of_two_time_limits_counts(steps, limit):
+    limited = task(lambda: gymnasium.wrappers.TimeLimit(Drift(), 4), max_episode_steps=steps)
+    assert limited.make_env(1).max_episode_steps == limited.horizon.steps == limit
+
+
+@pytest.mark.parametrize("name", [1, "", None])
+def test_the_name_of_a_parameter_is_text(name):
+    with pytest.raises(ConfigError, match="the name of a parameter must be text"):
+        parse_space({name: (0, 1)})

@@ -1,6 +1,7 @@
 """What an evaluation reports beside the cost."""
 
 import json
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -10,9 +11,13 @@ from tests.envs.test_adapters import Drift
 from tests.support import CountingTask, engine, proposal
 from zoac.core.errors import ConfigError
 from zoac.core.measures import RESERVED, Constraint, Metric
+from zoac.core.segments import Proposal
 from zoac.rollout.constraints import excess
 from zoac.rollout.evaluation import evaluation_row
+from zoac.rollout.executors.base import Serial
+from zoac.rollout.executors.process import Process
 from zoac.runs.schema import read_metrics, read_result
+from zoac.tasks.user_task import user_task
 
 
 def segments(episodes=1):
@@ -53,10 +58,11 @@ def test_the_reserved_names_are_the_keys_of_rows_and_results(tmp_path):
     )  # fmt: skip
     rows = [row for row in read_metrics(tmp_path) if row["kind"] == "eval"]
     keys = set(read_result(tmp_path)).union(*rows)
-    assert keys - {"solver_failures"} == RESERVED
+    early = {"stopped_by", "finished", "evaluated_after_steps"}  # of a run that was stopped
+    assert keys - {"solver_failures"} | early | {"experiments"} == RESERVED
 
 
-@pytest.mark.parametrize("name", ["cost_mean", "terminations", "acceptance_test"])
+@pytest.mark.parametrize("name", ["cost_mean", "terminations", "acceptance_test", "finished"])
 def test_a_metric_cannot_take_the_place_of_what_is_reported_anyway(name):
     with pytest.raises(ConfigError, match=f"metric '{name}': results have .* 'my_{name}'"):
         zoac.tune(
@@ -80,3 +86,35 @@ def test_a_metric_cannot_take_the_place_of_what_is_reported_anyway(name):
 def test_a_quantity_that_cannot_be_used_is_refused_where_it_is_made(make, message):
     with pytest.raises(ConfigError, match=message):
         make()
+
+
+def test_no_function_of_a_segment_changes_what_others_read():
+    (segment,) = segments()
+
+    def careless(s):
+        costs = s.costs
+        costs *= 0.0
+        return costs
+
+    before = segment.costs.copy()
+    with pytest.raises(ConfigError, match="metric 'm' raised ValueError: .* read-only"):
+        evaluation_row([segment], [Metric("m", careless)])
+    assert np.array_equal(segment.costs, before)
+
+
+def test_a_failure_in_an_evaluation_is_told_alike_by_every_executor():
+    def picky(params, obs):
+        if obs[0] > 1.3:
+            raise ValueError("too far")
+        return -params["k"] * obs[0]
+
+    task = user_task(env=Drift, controller=picky, space={"k": (1.0, 2.0)}, max_episode_steps=5)
+    task.failure_penalty = 9.0
+    told = []
+    for executor in (Serial(), Process(workers=2)):
+        executor.start(task, 2, seed=0)
+        with closing(executor):
+            asked = [Proposal(np.zeros(1), i, seed=i) for i in range(30)]
+            told.append([segment.failure for segment in executor.evaluate(asked)])
+    assert told[0] == told[1]
+    assert any(told[0])

@@ -25,6 +25,11 @@ class StatefulController:
         self._object = make()
         self._used, self._begins = False, True
 
+    @property
+    def identity(self) -> int:
+        """Which object it is."""
+        return id(self._object)
+
     def begin(self) -> None:
         """Begin an episode with the next action."""
         self._begins = True

@@ -53,6 +53,13 @@ def as_controller(given: Any, fixed: Mapping[str, float], space: ParameterSpace)
             "act(params, obs); a batched controller has act(params, obs, memory) and init(n)"
         )
     if act is made:
+        owner = getattr(made, "__self__", made)
+        if hasattr(owner, "reset") and not inspect.isclass(owner):
+            raise ConfigError(
+                f"controller: {_name(made)} belongs to an object with reset(), to be called "
+                "before every episode, and each environment needs such an object of its own: give "
+                "the object itself, with a method act(params, obs), or its class"
+            )
         return ScalarController(made, fixed, space)
     make = given if makes else partial(_copy, given)
     return ScalarController(make, fixed, space, remembers=True)
@@ -109,6 +116,11 @@ class ScalarController:
             return {}
         rows = np.empty(n, dtype=object)
         rows[:] = [StatefulController(self._controller) for _ in range(n)]
+        if len({row.identity for row in rows}) < n:
+            raise ConfigError(
+                "controller: what makes a controller returned the same object again, and each "
+                "environment needs one of its own: make a new one at every call"
+            )
         return {"controller": rows}
 
     def act(

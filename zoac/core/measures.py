@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -26,9 +26,10 @@ RESERVED = frozenset({
     "env_steps", "cost_mean", "cost_std", "cost_per_episode", "episode_lengths", "terminations",
     "violations", "violations_by_constraint", "env_restarts", "tuning_terminations",
     "baseline_cost_mean", "baseline", "acceptance_test", "select", "held_specs", "shown",
-    "warnings", "failures", "first_failure", "specs", "by_spec", *CLOCKS,
+    "warnings", "failures", "first_failure", "specs", "by_spec", "stopped_by", "finished",
+    "evaluated_after_steps", "experiments", *CLOCKS,
 })  # fmt: skip
-"""Keys of evaluation rows and of `result.json`, which no metric may take. `solver_failures` is
+"""Keys of evaluation rows and of results, which no metric may take. `solver_failures` is
 free: a metric of that name counts an evaluation's, `result.json` those of the whole run."""
 
 
@@ -48,7 +49,7 @@ def read_from(
             segment has.
     """
     try:
-        return np.asarray(function(segment), dtype=dtype)
+        return np.asarray(function(_read_only(segment)), dtype=dtype)
     except ZoacError:
         raise
     except Exception as error:  # whatever a user's function raises
@@ -58,6 +59,24 @@ def read_from(
             f"{segment.observations.shape}, actions {segment.actions.shape}, costs "
             f"{segment.costs.shape}, and diagnostics: {diagnostics}"
         ) from error
+
+
+def _read_only(segment: Segment) -> Segment:
+    """Return a segment whose arrays cannot be changed: other functions read them too."""
+    return replace(
+        segment,
+        observations=_locked(segment.observations),
+        actions=_locked(segment.actions),
+        commands=_locked(segment.commands),
+        costs=_locked(segment.costs),
+        diagnostics={name: _locked(values) for name, values in segment.diagnostics.items()},
+    )
+
+
+def _locked(array: np.ndarray) -> np.ndarray:
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 @dataclass(frozen=True, slots=True)

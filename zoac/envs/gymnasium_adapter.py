@@ -9,12 +9,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
 
-from zoac.core.errors import (
-    ConfigError,
-    EnvironmentContractError,
-    EnvironmentFailure,
-    ZoacError,
-)
+from zoac.core.errors import ConfigError, EnvironmentContractError, EnvironmentFailure, ZoacError
 from zoac.core.seeding import stream
 from zoac.core.state import OwnObject
 from zoac.core.types import all_finite, is_number
@@ -27,7 +22,10 @@ from zoac.envs.single_env import (
     drift_remarks,
     env_actions,
     flattened_remarks,
+    is_true,
+    not_finite,
     own_time_limit,
+    parts_of,
 )
 from zoac.envs.snapshots import restored, saved, saved_by
 from zoac.specs.signals import INFO, INFO_BEFORE
@@ -67,6 +65,11 @@ class GymnasiumVecEnv(VecEnv):
         """
         first = envs[0]
         check_reset(first)
+        if len({id(env.unwrapped) for env in envs}) < len(envs):
+            raise ConfigError(
+                f"env: what makes an environment returned the same {type(first.unwrapped).__name__}"
+                " again; expected a new one at every call"
+            )
         if not isinstance(first.observation_space, Box):
             raise ConfigError(
                 f"the environment's observations are {first.observation_space}; expected a Box "
@@ -83,7 +86,8 @@ class GymnasiumVecEnv(VecEnv):
             raise ConfigError(
                 f"the environment's actions are {first.action_space}; expected a Box or Discrete"
             )
-        limit = max_episode_steps or own_time_limit(first)
+        limits = [max_episode_steps, own_time_limit(first)]
+        limit = min((steps for steps in limits if steps is not None), default=None)
         super().__init__(len(envs), observations, actions, limit or MAX_EPISODE_STEPS)
         self.limited = limit is not None
         self.remarks = (*drift_remarks(first), *flattened_remarks(first))
@@ -95,6 +99,8 @@ class GymnasiumVecEnv(VecEnv):
         self._numbers = PlantNumbers(first, plant or {}, vary or {})
         for env in self._envs:
             self._numbers.put(env, self._numbers.fixed)
+        self._episode_numbers = [self._numbers.fixed] * len(envs)
+        self._begun = np.zeros(len(envs), bool)  # whether it was reset ever
         self._draws: list[np.random.Generator] = [np.random.default_rng(0) for _ in envs]
         self._seen = np.zeros((len(envs), size))
         self._row_shape, self._dtype = (size,), first.observation_space.dtype
@@ -128,15 +134,16 @@ class GymnasiumVecEnv(VecEnv):
                 self._draws[env_index] = stream(int(env_seed), "plant")
             numbers = self._numbers.draw(self._draws[env_index])
             self._numbers.put(self._envs[env_index], numbers)  # a step may have changed them
+            self._episode_numbers[env_index], self._begun[env_index] = numbers, True
             self._steps[env_index] = 0
             try:
                 told = {"options": inner} if inner else {}
                 result = self._call(env_index, "reset", seed=short, **told)
-                observation, told_info = _parts(result, "reset", ("observation", "info"))
+                observation, told_info = parts_of(result, "reset")
                 self._numbers.check(self._envs[env_index], numbers)
                 flat = self._flat(observation)
                 if not all_finite(flat):
-                    raise _not_finite(flat)
+                    raise not_finite(flat)
                 self._seen[env_index] = flat
                 self._measure(env_index, told_info, "reset")
             except EnvironmentFailure as failure:
@@ -159,13 +166,14 @@ class GymnasiumVecEnv(VecEnv):
         failures: dict[int, EnvironmentFailure] = {}
         costs, terminated, truncated = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
         taken = env_actions(self._taken, actions)
+        applied = np.array(taken, dtype=np.float64).reshape(actions.shape)
         measured = {INFO_BEFORE + key: numbers.copy() for key, numbers in self._info.items()}
         self._steps += 1 if mask is None else mask
         steps, seen = self._steps.tolist(), self._seen.copy()
         for env_index in range(n) if mask is None else np.flatnonzero(mask).tolist():
             try:
                 result = self._call(env_index, "step", taken[env_index])
-                observation, reward, ended, cut, info = _parts(result, "step", _STEP)
+                observation, reward, ended, cut, info = parts_of(result, "step")
                 seen[env_index] = self._flat(observation)
                 if self._info:
                     self._measure(env_index, info, "step")
@@ -173,6 +181,7 @@ class GymnasiumVecEnv(VecEnv):
             except EnvironmentFailure as failure:
                 failures[env_index] = failure
                 continue
+            ended, cut = is_true(ended, "terminated"), is_true(cut, "truncated")
             over_time = steps[env_index] >= self.max_episode_steps
             if over_time and not (self.limited or ended or cut):
                 raise ConfigError(
@@ -185,12 +194,11 @@ class GymnasiumVecEnv(VecEnv):
                 truncated[env_index] = True
         if not all_finite(seen):
             for env_index in np.flatnonzero(~np.isfinite(seen).all(axis=1)).tolist():
-                failures[env_index] = _not_finite(seen[env_index])
+                failures[env_index] = not_finite(seen[env_index])
                 seen[env_index] = self._seen[env_index]
                 costs[env_index], terminated[env_index], truncated[env_index] = 0.0, False, False
         self._seen = seen
         measured |= {INFO + key: numbers.copy() for key, numbers in self._info.items()}
-        applied = np.array(taken, dtype=np.float64).reshape(actions.shape)
         infos = {"cost": costs, "failures": failures, "actions": applied, "measured": measured}
         return seen.copy(), -costs, terminated, truncated, infos
 
@@ -254,7 +262,14 @@ class GymnasiumVecEnv(VecEnv):
     def state(self, env_indices: Sequence[int] | np.ndarray) -> dict[str, Any]:
         rows = np.asarray(env_indices).tolist()
         return {
-            "envs": OwnObject([saved(self._envs[row]) for row in rows]),
+            # The methods of an environment that was never reset may find nothing to save.
+            "envs": OwnObject(
+                [
+                    saved(self._envs[row]) if self._begun[row] or not self.saved_by else None
+                    for row in rows
+                ]
+            ),
+            "numbers": [self._episode_numbers[row] for row in rows],
             "draws": [copy.deepcopy(self._draws[row]) for row in rows],
             "seen": self._seen[env_indices].copy(),
             "steps": self._steps[env_indices].copy(),
@@ -263,10 +278,13 @@ class GymnasiumVecEnv(VecEnv):
 
     def restore(self, env_indices: Sequence[int] | np.ndarray, state: dict[str, Any]) -> np.ndarray:
         envs, draws = state["envs"].value, state["draws"]
-        rows = zip(np.asarray(env_indices).tolist(), envs, draws, strict=True)
-        for env_index, env, draws in rows:
-            self._envs[env_index] = restored(self._envs[env_index], env)
-            self._draws[env_index] = copy.deepcopy(draws)
+        rows = np.asarray(env_indices).tolist()
+        for env_index, env, rng, numbers in zip(rows, envs, draws, state["numbers"], strict=True):
+            self._episode_numbers[env_index], self._begun[env_index] = numbers, env is not None
+            if env is not None:
+                self._numbers.put(self._envs[env_index], numbers)
+                self._envs[env_index] = restored(self._envs[env_index], env)
+            self._draws[env_index] = copy.deepcopy(rng)
         self._seen[env_indices] = state["seen"]
         self._steps[env_indices] = state["steps"]
         for key, numbers in self._info.items():
@@ -276,25 +294,5 @@ class GymnasiumVecEnv(VecEnv):
     def close(self, **kwargs: Any) -> None:
         """Close every environment."""
         for env in self._envs:
-            env.close()
-
-
-def _not_finite(observation: np.ndarray) -> EnvironmentFailure:
-    return EnvironmentFailure(
-        f"the environment returned the observation {observation.tolist()}; every number must be "
-        "finite"
-    )
-
-
-_STEP = ("observation", "reward", "terminated", "truncated", "info")
-
-
-def _parts(result: Any, method: str, expected: tuple[str, ...]) -> tuple[Any, ...]:
-    """Return what an environment's method returned, if it has the parts that Gymnasium asks for."""
-    if isinstance(result, tuple) and len(result) == len(expected) and isinstance(result[-1], dict):
-        return result
-    found = f"{len(result)} values" if isinstance(result, tuple) else type(result).__name__
-    raise EnvironmentContractError(
-        f"the environment's {method} returned {found}, expected ({', '.join(expected)}), info a "
-        "dict; an environment of the old Gym must be wrapped"
-    )
+            with contextlib.suppress(Exception):  # all is known of it, and the rest must be closed
+                env.close()

@@ -1,4 +1,4 @@
-"""A user's single environment: made, copied, and what can be said of it before it is stepped."""
+"""A user's single environment: made, copied, what its spaces say and what its methods return."""
 
 import copy
 import inspect
@@ -11,7 +11,7 @@ from gymnasium.spaces import Box, Discrete
 from gymnasium.vector import VectorEnv
 from gymnasium.wrappers import ClipAction, NormalizeObservation, NormalizeReward, TimeLimit
 
-from zoac.core.errors import ConfigError, ZoacError
+from zoac.core.errors import ConfigError, EnvironmentContractError, EnvironmentFailure, ZoacError
 from zoac.envs.plant_numbers import lost_number
 
 EnvSource = str | gymnasium.Env | Callable[[], gymnasium.Env]
@@ -168,3 +168,49 @@ def applied_action_space(env: gymnasium.Env) -> gymnasium.Space:
             break  # it may take actions in other units
         inner = inner.env
     return env.action_space
+
+
+_PARTS = {
+    "reset": ("observation", "info"),
+    "step": ("observation", "reward", "terminated", "truncated", "info"),
+}
+
+
+def parts_of(result: Any, method: str) -> tuple[Any, ...]:
+    """Return what an environment's method returned, if it has the parts that Gymnasium asks for.
+
+    Raises:
+        EnvironmentContractError: If it has not.
+    """
+    expected = _PARTS[method]
+    if isinstance(result, tuple) and len(result) == len(expected) and isinstance(result[-1], dict):
+        return result
+    found = f"{len(result)} values" if isinstance(result, tuple) else type(result).__name__
+    raise EnvironmentContractError(
+        f"the environment's {method} returned {found}, expected ({', '.join(expected)}), info a "
+        "dict; an environment of the old Gym must be wrapped"
+    )
+
+
+def is_true(value: Any, what: str) -> bool:
+    """Return a truth value that an environment's step returned; None counts as False.
+
+    Raises:
+        EnvironmentContractError: If it is none.
+    """
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    array = np.asarray(value is not None and value)
+    if array.size != 1 or array.dtype.kind not in "biuf":
+        raise EnvironmentContractError(
+            f"the environment's step returned {value!r} as {what}, expected True or False"
+        )
+    return bool(array.reshape(()))
+
+
+def not_finite(observation: np.ndarray) -> EnvironmentFailure:
+    """Return the failure of an environment with such an observation."""
+    return EnvironmentFailure(
+        f"the environment returned the observation {observation.tolist()}; every number must be "
+        "finite"
+    )

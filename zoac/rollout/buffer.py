@@ -50,7 +50,10 @@ class Recording:
             if name not in self._diagnostics:  # every controller failed before
                 shape = (len(self._costs), *np.shape(value))
                 self._diagnostics[name] = np.zeros(shape, np.asarray(value).dtype)
-            self._diagnostics[name][row] = value
+            kept = self._diagnostics[name]
+            if (kind := np.result_type(kept, value)) != kept.dtype:  # whole numbers before
+                kept = self._diagnostics[name] = kept.astype(kind)
+            kept[row] = value
         if len(diagnostics) != len(self._diagnostics):  # every controller failed now
             for name in self._diagnostics.keys() - diagnostics.keys():
                 self._diagnostics[name][row] = 0

@@ -94,7 +94,10 @@ class Controllers:
                 if len(rows) == 1:
                     failures[int(rows[0])] = told
                     return np.zeros((1, *self._action_shape)), _taken(self._memory, rows), {}
-        parts = [self._call(rows[k : k + 1], observations, failures) for k in range(len(rows))]
+        parts = []
+        for k in range(len(rows)):
+            actions, memory, diagnostics = self._call(rows[k : k + 1], observations, failures)
+            parts.append((actions, _copied(memory), _copied(diagnostics)))
         return _joined(parts)
 
     def _checked_call(self, rows: np.ndarray, observations: np.ndarray) -> _Answer:
@@ -128,7 +131,22 @@ class Controllers:
                 f"the controller returned the action {actions[row].tolist()}; every number must "
                 f"be finite. {self._place(rows[row])}"
             )
+        self._check_memory(memory)
         return actions, memory, diagnostics
+
+    def _check_memory(self, memory: Mapping[str, np.ndarray]) -> None:
+        """See that a memory is of the kind that it began with.
+
+        Otherwise numbers would depend on which environments act together.
+        """
+        found = {name: _kind(values) for name, values in memory.items()}
+        began = {name: _kind(values) for name, values in self._initial_memory.items()}
+        if found != began:
+            name = next(n for n in (found | began) if found.get(n) != began.get(n))
+            raise ControllerError(
+                f"the controller's memory {name!r} is {found.get(name, 'not there')}, and began as "
+                f"{began.get(name, 'nothing')}; it must begin as it goes on"
+            )
 
     def _nearest(self, error: Exception) -> str:
         """Return which parameters there are, if a controller asked for one that there is not."""
@@ -185,6 +203,10 @@ def _joined(parts: Sequence[_Answer]) -> _Answer:
         for name, v in examples.items()
     }
     return actions, memory, diagnostics
+
+
+def _kind(array: np.ndarray) -> str:
+    return f"{array.dtype} of shape (n{''.join(f', {size}' for size in array.shape[1:])})"
 
 
 def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -46,6 +46,7 @@ class RolloutEngine:
         env_indices: Sequence[int],
         seeds: Sequence[int],
         watch: Watch | None = None,
+        evaluates: bool = False,
     ) -> None:
         """
         Args:
@@ -53,6 +54,8 @@ class RolloutEngine:
             env_indices: The indices of this engine's environments, as proposals name them.
             seeds: One for each environment's random stream.
             watch: See `VecEnv.watch`.
+            evaluates: Its environments run evaluations, for messages: which of them runs an
+                episode depends on the executor.
         """
         self.n = len(env_indices)
         self._space = task.space
@@ -61,6 +64,7 @@ class RolloutEngine:
             self._env.watch(watch)
         self._row_of = {env_index: row for row, env_index in enumerate(env_indices)}
         self._env_indices, self._seeds = tuple(env_indices), tuple(seeds)
+        self._evaluates = evaluates
         self._first_seeds: list[int | None] = list(seeds)
         self._restarts = np.zeros(self.n, dtype=np.int64)
         self._task = task
@@ -230,10 +234,10 @@ class RolloutEngine:
     def _place(self, env_index: int) -> str:
         """Say for an error message where an environment stands."""
         values = ", ".join(f"{name}={v[env_index]:.6g}" for name, v in self._parameters.items())
-        return (
-            f"Environment {self._env_indices[env_index]}, step {self._steps[env_index]} of its "
-            f"episode, parameters: {values}"
-        )
+        which = f"Environment {self._env_indices[env_index]}"
+        if self._evaluates:
+            which = "An environment of the evaluation"
+        return f"{which}, step {self._steps[env_index]} of its episode, parameters: {values}"
 
     def _saved_env(self, env_index: int) -> dict[str, Any] | None:
         """Return an environment's state, to be restored later; None if it cannot be copied."""

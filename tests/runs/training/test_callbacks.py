@@ -90,6 +90,15 @@ def test_it_changes_no_number_and_no_other_callbacks_row(tmp_path):
         assert numbers(tmp_path / "followed", kind) == numbers(tmp_path / "alone", kind)
 
 
+def test_false_of_numpy_ends_the_run_and_other_answers_do_not():
+    def stopped(answer):
+        follower = type("Follower", (zoac.Callback,), {"on_iteration": lambda self, row: answer})
+        return "stopped_by" in tune(callbacks=[follower()]).record
+
+    assert stopped(np.False_)
+    assert not any(map(stopped, (None, 0, 0.0, "", [])))
+
+
 @pytest.mark.parametrize("method", ["on_iteration", "on_evaluation"])
 def test_false_ends_the_run_with_a_whole_result(method, tmp_path):
     whole = tune(folder=tmp_path / "whole")

@@ -86,7 +86,7 @@ class RolloutHost:
         width = max(p.env_index for p in proposals) + 1
         if width not in self._evaluation:
             # Every episode brings its seed: the environments' own streams are never drawn from.
-            engine = RolloutEngine(self._task, range(width), [0] * width, self._watch)
+            engine = RolloutEngine(self._task, range(width), [0] * width, self._watch, True)
             self._evaluation[width] = engine
         return self._evaluation[width].rollout(proposals)
 

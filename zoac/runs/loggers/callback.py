@@ -5,6 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from typing import Any
 
+import numpy as np
+
 from zoac.core.errors import CallbackError, ConfigError
 
 
@@ -85,5 +87,6 @@ class Callbacks:
                 raise CallbackError(
                     f"the callback {name} raised in {method}: {type(error).__name__}: {error}"
                 ) from error
-            if told is False and self.stopped_by is None:
+            stops = isinstance(told, bool | np.bool_) and not told
+            if stops and self.stopped_by is None:
                 self.stopped_by = name
