@@ -22,10 +22,7 @@ NEED_A_PICKLE = {"bo", "optuna"}
 MODELS = {"botorch": ["tuner.initial_design=4"], "smac": ["tuner.initial_design=4"]}
 """Options of tuners whose model takes its time: few random points before it, few after."""
 
-TERMS = {
-    "plain": [],
-    "wrapped": ["acceptance_test=0.3", "initial_samples=3", "common_random_numbers=true"],
-}
+STRATEGIES = ["acceptance_test=0.3", "initial_samples=3", "common_random_numbers=true"]
 SMALL = [
     "num_envs=2", "eval_every=100", "task.max_episode_steps=12", "evaluation.episodes=2",
     "evaluation.final_episodes=2", "mpc_solver=riccati", "checkpoint_seconds=0",
@@ -74,12 +71,14 @@ def test_no_task_of_zoac_needs_a_pickle(task, tmp_path, stopping, monkeypatch):
     assert resumed == whole
 
 
-@pytest.mark.parametrize("terms", TERMS)
 @pytest.mark.parametrize(
-    "tuner", [t for t in names("tuner") if t not in ("nominal", *NEED_A_PICKLE)]
+    ("tuner", "wrapping"),
+    [
+        ("zoac", []),
+        *((t, STRATEGIES) for t in names("tuner") if t not in ("nominal", *NEED_A_PICKLE)),
+    ],
 )
-def test_no_other_tuner_of_zoac_needs_a_pickle(tuner, terms, tmp_path, stopping, monkeypatch):
-    wrapping = TERMS[terms]
+def test_no_other_tuner_of_zoac_needs_a_pickle(tuner, wrapping, tmp_path, stopping, monkeypatch):
     if tuner == "random":  # takes no start
         wrapping = [term for term in wrapping if not term.startswith("initial_samples")]
     budget, after = ("budget=200", 4) if tuner in MODELS else ("budget=1500", 2)
