@@ -18,7 +18,7 @@ from zoac.core.errors import RunFolderError, ZoacError
 from zoac.core.state import Encoded, decode, encode
 from zoac.runs.schema import sync_folder, write_atomically
 
-FORMAT = 2
+FORMAT = 3
 CURRENT, PREVIOUS = "current.ckpt", "previous.ckpt"
 
 
