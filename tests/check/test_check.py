@@ -128,6 +128,12 @@ class Shared(Drift):
         return super().step(action)
 
 
+def test_an_environment_that_is_made_twice_is_named():
+    one = Drift()
+    found = {verdict.name: verdict for verdict in check.check(task(lambda: one))}
+    assert "returned the same Drift again" in found["seeded determinism"].text
+
+
 def test_an_environment_that_cannot_be_restored_is_named():
     good, text = check.env_state(task(Shared))
     assert not good
