@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from zoac.run.api import tune
 from zoac.runs.result import Result
 from zoac.specs.signals import action, observation
 from zoac.specs.spec import Spec
-from zoac.tasks.pid_loop import Design, designed
+from zoac.tasks.pid_loop import Design, PidLoop, designed
 from zoac.tasks.pid_loop.design import space_around
 from zoac.tasks.pid_loop.plants import gains_of
 from zoac.tasks.pid_loop.requirements import objective_of
@@ -35,6 +35,11 @@ EPISODES = 1000
 EPISODES_IN_ENVIRONMENT = 400
 """In a user's environment, which may be slow."""
 
+UNSTABLE = (
+    "The loop with these gains is unstable, so no spec counts as met. Try another structure, or "
+    "plants that differ less."
+)
+
 POPULATION = 24
 """Points of a generation, simulated side by side."""
 
@@ -49,6 +54,8 @@ class PidResult:
         controller: The PID that these gains belong to, with its limits and anti-windup.
         run: The tuning run, with its folder.
         warnings: What is wrong with the answer or the baseline, one sentence each.
+        stable: Whether the gains stabilise every plant; True in an environment, where it is not
+            known.
     """
 
     parameters: dict[str, float]
@@ -56,16 +63,20 @@ class PidResult:
     controller: PID
     run: Result = field(repr=False)
     warnings: list[str] = field(default_factory=list)
+    stable: bool = True
 
     @property
     def specs(self) -> pd.DataFrame:
-        """What became of each spec; see `Result.specs`."""
-        return self.run.specs
+        """What became of each spec; see `Result.specs`. An unstable loop meets none."""
+        table = self.run.specs
+        if not self.stable:
+            table["met"] = [None if met is None else False for met in table["met"]]
+        return table
 
     @property
     def feasible(self) -> bool:
-        """Whether the gains keep every hard spec."""
-        return self.run.feasible
+        """Whether the gains stabilise every plant and keep every hard spec."""
+        return self.stable and self.run.feasible
 
     @property
     def folder(self) -> Path:
@@ -165,7 +176,19 @@ def tune_pid(
         raise ConfigError(f"{len(dead_times)} dead times for {len(systems)} plants")
     design = Design(systems, dead_times, sample_time, structure, limits, noise)
     task, remarks = designed(design, baseline, required, objective)
-    return _tuned(task, task.pid, EPISODES, seed, remarks)
+    result = _tuned(task, task.pid, EPISODES, seed, remarks)
+    return _with_stability(result, task)
+
+
+def _with_stability(result: PidResult, task: PidLoop) -> PidResult:
+    """Return a result that says which gains leave a loop unstable.
+
+    A loop that diverges slowly may keep every spec as long as an episode lasts.
+    """
+    stable = task.is_stable(result.parameters)
+    first = [] if stable else [UNSTABLE]
+    last = [] if task.is_stable(result.baseline) else ["The loop with the baseline is not stable."]
+    return replace(result, stable=stable, warnings=[*first, *result.warnings, *last])
 
 
 def _in_environment(
