@@ -202,25 +202,38 @@ def _varied(gains: Gains) -> list[Gains]:
 def experiment_of(design: Design, candidates: Sequence[Gains], part: int) -> Experiment:
     """Return an episode: `part` steps after the reference's step, and as many after the load's.
 
-    The reference is 1, or two thirds of what the input can hold. The load takes half of the input
-    that holds the reference; where the plant integrates, a part of what the P-action would answer.
+    The reference is 1, or two thirds of what the input can hold; below 0 where the input moves the
+    output only down. The load takes half of the input that holds the reference; where the plant
+    integrates, a part of what the P-action would answer.
+
+    Raises:
+        ConfigError: If the input moves some plants only up and others only down.
     """
     low, high = design.input_limits
     at_rest = [_gain_at_rest(system) for system in design.systems]
-    reach = [max(low * gain, high * gain) for gain in at_rest if math.isfinite(gain)]
-    reference = min([1.0, *(limit / 1.5 for limit in reach)])
+    # A limit of 0 holds an output of 0, also where the gain is infinite.
+    ends = [[limit * gain if limit else 0.0 for limit in (low, high)] for gain in at_rest]
+    up, down = min(map(max, ends)), -max(map(min, ends))
+    if not (up > 0 or down > 0):
+        raise ConfigError(
+            f"input_limits={design.input_limits}: such an input moves the output of some plants "
+            "only up and of others only down, so no step of the reference suits all; tune them "
+            "one by one"
+        )
+    size = min(1.0, (up if up > 0 else down) / 1.5)
+    reference = size if up > 0 else -size
     usual = float(np.median([abs(gains["Kp"]) for gains in candidates]))
     room = max(-low, high)
     side = 1.0 if high >= -low else -1.0
-    free = -side * min(0.3 * usual * reference, 0.5 * room)
+    free = -side * min(0.3 * usual * size, 0.5 * room)
     loads = tuple(0.5 * reference / g if math.isfinite(g) else free for g in at_rest)
     return Experiment(2 * part, part, reference, loads)
 
 
 def _gain_at_rest(system: Any) -> float:
-    """Return the plant's static gain; infinite where it integrates."""
+    """Return the plant's static gain; infinite, with its sign, where it integrates."""
     if np.abs(system.poles()).min(initial=np.inf) < 1e-9:
-        return math.inf
+        return math.copysign(math.inf, float(np.real(complex(system(1e-9 + 0j)))))
     return float(np.real(complex(system(0j))))
 
 
@@ -257,5 +270,5 @@ def _settled(segment: Segment, task: PidLoop) -> int:
     part = task.experiment.load_at
     y = segment.observations[: part + 1, -task.loops :]
     around = task.experiment.reference if "Ki" in task.space.names else y[-1]
-    outside = np.abs(y - around).max(axis=1) > BAND * task.experiment.reference
+    outside = np.abs(y - around).max(axis=1) > BAND * abs(task.experiment.reference)
     return int(np.flatnonzero(outside)[-1]) + 1 if outside.any() else 0
