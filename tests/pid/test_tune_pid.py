@@ -234,7 +234,10 @@ def test_a_file_gives_what_python_gives(tmp_path):
     [
         (FILE.replace("dead_time", "deadtime"), "no key 'deadtime'; did you mean 'dead_time'"),
         (FILE.replace("sample_time", "seed"), "no value for sample_time"),
-        (FILE.replace("num", "nom"), "expected num and den"),
+        (FILE.replace("num", "nom"), "no key 'nom'; did you mean 'num'"),
+        (FILE.replace("num: [2], ", ""), "expected num and den"),
+        (FILE.replace("num", "dead_time: 0.5, num"), "dead_time has a line of its own"),
+        (FILE.replace("num", "gain: 2, num"), "plant: no key 'gain'"),
         (FILE.replace("overshoot", "overshot"), "did you mean 'overshoot'"),
         ("- 1\n", "expected keys and values"),
         ("a: [\n", "cannot be read"),

@@ -58,6 +58,13 @@ def _system(given: Any) -> Any:
     """Return a transfer function from numerator and denominator."""
     import control
 
+    for key in given if isinstance(given, dict) else ():
+        if key == "dead_time":
+            raise ConfigError(
+                "plant: dead_time has a line of its own beside plant; a list gives one per plant"
+            )
+        if key not in ("num", "den"):
+            raise ConfigError(f"plant: no key {key!r}; {suggest(str(key), ('num', 'den'))}")
     try:
         return control.tf(given["num"], given["den"])
     except Exception as error:  # whatever python-control finds wrong
