@@ -226,6 +226,14 @@ def test_an_unknown_suffix_is_refused(tmp_path):
         export_pid(PID(sample_time=TS), GAINS, tmp_path / "gains.txt")
 
 
+def test_a_file_that_cannot_be_written_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="No such folder; choose a folder that is there"):
+        export_pid(PID(sample_time=TS), GAINS, tmp_path / "nowhere" / "gains.h")
+    (tmp_path / "gains.h").mkdir()
+    with pytest.raises(ConfigError, match="Is a directory; choose"):
+        export_pid(PID(sample_time=TS), GAINS, tmp_path / "gains.h")
+
+
 def test_gains_that_are_not_finite_are_not_exported(tmp_path):
     with pytest.raises(ConfigError, match="Kp=nan"):
         export_pid(PID(sample_time=TS), {"Kp": math.nan}, tmp_path / "gains.c")

@@ -21,6 +21,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from zoac.core.errors import ConfigError, suggest
+from zoac.core.types import is_number
 
 Form = Literal["parallel", "standard"]
 AntiWindup = Literal["back_calculation", "clamping", "none"]
@@ -67,8 +68,9 @@ class PID:
     initial_output: float | None = None
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.sample_time) and self.sample_time > 0):
-            raise ConfigError(f"sample_time={self.sample_time}: expected seconds above 0")
+        ts = self.sample_time
+        if not (is_number(ts) and math.isfinite(ts) and ts > 0):
+            raise ConfigError(f"sample_time={ts!r}: expected seconds above 0")
         low, high = self.output_limits
         if not low < high:
             raise ConfigError(f"output_limits={self.output_limits}: expected (low, high)")

@@ -27,7 +27,8 @@ def from_file(path: str | Path) -> PidResult:
     Raises:
         ConfigError: If something in the file cannot be used.
     """
-    from zoac.pid.tuning import tune_pid  # --help need not wait for it
+    from zoac.controllers.pid_export import writable  # --help need not wait for these
+    from zoac.pid.tuning import tune_pid
 
     known = ["plant", "export", *list(inspect.signature(tune_pid).parameters)[1:]]
     given: Any
@@ -45,6 +46,8 @@ def from_file(path: str | Path) -> PidResult:
     if missing:
         raise ConfigError(f"{path}: no value for {', '.join(missing)}")
     export = given.pop("export", None)
+    if export is not None:
+        writable(export)  # known before tuning
     plants = given.pop("plant")
     several = isinstance(plants, list)
     systems = [_system(plant) for plant in (plants if several else [plants])]

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from zoac.controllers.pid import PID
 from zoac.controllers.pid_export import export_pid
 from zoac.core.errors import ConfigError
@@ -171,13 +173,22 @@ def tune_pid(
                 raise ConfigError(f"{name}={value!r}: an environment has its own")
         pid = PID(sample_time=sample_time, r=1, output_limits=limits)
         return _in_environment(plant, pid, structure, required, objective, baseline, seed)
-    dead_times = [dead_time] * len(systems) if isinstance(dead_time, int | float) else dead_time
-    if len(dead_times) != len(systems):
-        raise ConfigError(f"{len(dead_times)} dead times for {len(systems)} plants")
+    dead_times = _dead_times(dead_time, len(systems))
     design = Design(systems, dead_times, sample_time, structure, limits, noise)
     task, remarks = designed(design, baseline, required, objective)
     result = _tuned(task, task.pid, EPISODES, seed, remarks)
     return _with_stability(result, task)
+
+
+def _dead_times(given: Any, plants: int) -> list[float]:
+    """Return a dead time [s] for each plant."""
+    if is_number(given):
+        return [given] * plants
+    if not isinstance(given, list | tuple | np.ndarray) or np.ndim(given) != 1:
+        raise ConfigError(f"dead_time={given!r}: expected seconds, or a list with one per plant")
+    if len(given) != plants:
+        raise ConfigError(f"{len(given)} dead times for {plants} plants")
+    return list(given)
 
 
 def _with_stability(result: PidResult, task: PidLoop) -> PidResult:
