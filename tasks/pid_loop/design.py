@@ -131,12 +131,12 @@ def _today(design: Design, baseline: str | Mapping[str, float]) -> tuple[Gains |
         return gains_of(design.structure, baseline), []
     if baseline not in RULES:
         raise ConfigError(f"baseline: unknown rule {baseline!r}; {suggest(baseline, RULES)}")
-    reasons = []
+    reasons: dict[str, None] = {}  # several rules may have the same one
     for rule in (baseline, *(other for other in RULES if other != baseline)):
         try:
             gains = design.by_rule(rule)
         except ConfigError as error:
-            reasons.append(str(error))
+            reasons[str(error)] = None
             continue
         found = f"the baseline is {rule!r} instead of {baseline!r}: {'; '.join(reasons)}"
         return gains, [found] if reasons else []
