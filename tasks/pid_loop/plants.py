@@ -98,7 +98,7 @@ def gains_of(structure: str, given: Mapping[str, float]) -> Gains:
 
     Raises:
         ConfigError: If the structure is unknown, gains are not given by name, or a gain is unknown,
-            missing or not finite.
+            missing or not finite, or Tf is negative.
     """
     _known(structure)
     names = PARAMETERS[structure]
@@ -112,6 +112,8 @@ def gains_of(structure: str, given: Mapping[str, float]) -> Gains:
             raise ConfigError(f"baseline: unknown gain {name!r}; {suggest(name, names)}")
         if not (is_number(value) and math.isfinite(value)):
             raise ConfigError(f"baseline: {name}={value!r}, expected a finite number")
+        if name == "Tf" and value < 0:
+            raise ConfigError(f"baseline: Tf={value!r}, expected seconds, 0 or more")
     gains = dict(given)
     if "Tf" in names and {"Kp", "Kd"} <= gains.keys() and gains["Kp"]:
         gains.setdefault("Tf", tuning_rules.FILTER * abs(gains["Kd"] / gains["Kp"]))

@@ -167,6 +167,10 @@ def test_an_environment_is_tuned_from_the_gains_of_today(monkeypatch):
         ({"baseline": {"Kp": 1.0}}, "no value for Ki of a PI"),
         ({"baseline": {"Kp": 1.0, "Kj": 1.0}}, "unknown gain 'Kj'; did you mean"),
         ({"baseline": {"Kp": math.nan, "Ki": 1.0}}, "Kp=nan, expected a finite number"),
+        (
+            {"structure": "PD", "baseline": {"Kp": 1.0, "Kd": 0.1, "Tf": -1}},
+            "Tf=-1, expected seconds, 0 or more",
+        ),
         ({"objective": "iea"}, "objective='iea'"),
         ({"objective": specs.peak("y", max=1.0)}, "a spec without a limit"),
         ({"input_limits": (1.0, 2.0)}, "expected \\(low, high\\) around 0"),
