@@ -125,6 +125,19 @@ def test_anti_windup_shortens_the_overshoot_of_a_saturated_loop():
     assert highest("back_calculation") < free - 0.005
 
 
+def test_a_reversed_loop_has_the_same_anti_windup():
+    """Gains and limits of the other sign give the outputs of the other sign."""
+    rng = np.random.default_rng(6)
+    y, r = rng.normal(size=(2, 100)).cumsum(axis=1)
+    pid = PID(sample_time=TS, output_limits=(-1.0, 1.0), anti_windup="back_calculation")
+    assert pid.tracking_time_of(2.0, 1.0, 16.0) == pytest.approx(4.0)  # sqrt(Kd / Ki)
+    assert pid.tracking_time_of(-2.0, -1.0, -16.0) == pytest.approx(4.0)
+    reversed_gains = (-2.0, -1.5, -0.4, 0.1)
+    np.testing.assert_allclose(
+        run(pid, reversed_gains, y, r), -run(pid, tuple(GAINS.values()), y, r), rtol=1e-12
+    )
+
+
 def test_a_bumpless_start_holds_the_output_that_was_there():
     pid = PID(sample_time=TS, initial_output=0.4)
     assert run(pid, tuple(GAINS.values()), [2.0], [1.0])[0] == pytest.approx(0.4)

@@ -157,6 +157,6 @@ class PID:
         if self.tracking_time is not None:
             return self.tracking_time
         with np.errstate(divide="ignore", invalid="ignore"):
-            time = np.where(np.asarray(kd) > 0, np.sqrt(np.divide(kd, ki)), np.divide(kp, ki))
+            time = np.where(np.asarray(kd * ki) > 0, np.sqrt(np.divide(kd, ki)), np.divide(kp, ki))
         # Without an integral part there is nothing to lead back.
         return np.where(np.isfinite(time) & (time > 0), np.maximum(time, self.sample_time), np.inf)
