@@ -110,6 +110,34 @@ def test_absent_gains_are_absent_parts():
     assert PID(sample_time=TS, form="standard").gains({"K": 2.0}) == (2.0, 0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("form", "given", "said"),
+    [
+        ("parallel", ["kp"], "unknown gain 'kp' of the parallel form; did you mean 'Kp'"),
+        ("parallel", ["Kp", "KI"], "unknown gain 'KI'.*did you mean 'Ki'"),
+        ("parallel", ["Kp", "K_d"], "unknown gain 'K_d'.*did you mean 'Kd'"),
+        ("parallel", ["K", "Ti"], "'K' is a gain of the standard form.*form='standard'"),
+        ("parallel", ["Kp", "Ti"], "'Ti' is a gain of the standard form"),
+        ("parallel", ["gain"], "unknown gain 'gain'"),
+        ("standard", ["Kp", "Ki"], "'Kp' is a gain of the parallel form; expected K, Ti, Td, N"),
+        ("standard", ["K", "Ki"], "'Ki' is a gain of the parallel form"),
+    ],
+)
+def test_names_that_have_no_effect_are_refused(form, given, said, tmp_path):
+    pid = PID(sample_time=TS, form=form)
+    with pytest.raises(ConfigError, match=said):
+        pid.act({name: np.ones(1) for name in given}, np.ones((1, 1)), pid.init(1))
+    with pytest.raises(ConfigError, match=said):
+        export_pid(pid, dict.fromkeys(given, 1.0), tmp_path / "pid.h")
+
+
+def test_a_controller_around_it_may_have_parameters_of_its_own():
+    others = dict.fromkeys(("T1", "T2", "Td", "N", "feedforward"), 1.0)
+    assert PID(sample_time=TS).gains({**GAINS, **others}) == tuple(GAINS.values())
+    standard = {"K": 2.0, "Ti": 4.0, "Tf": 1.0, "ki_outer": 3.0}
+    assert PID(sample_time=TS, form="standard").gains(standard) == (2.0, 0.5, 0.0, 0.0)
+
+
 def test_anti_windup_shortens_the_overshoot_of_a_saturated_loop():
     def highest(windup):
         pid = PID(sample_time=TS, setpoint=1.0, output_limits=(-1.05, 1.05), anti_windup=windup)
@@ -237,6 +265,14 @@ def test_the_exported_matlab_names_the_gains_in_order(tmp_path):
 def test_an_unknown_suffix_is_refused(tmp_path):
     with pytest.raises(ConfigError, match=r"gains\.txt"):
         export_pid(PID(sample_time=TS), GAINS, tmp_path / "gains.txt")
+
+
+def test_a_time_of_zero_in_standard_form_is_refused(tmp_path):
+    pid = PID(sample_time=TS, form="standard")
+    with pytest.raises(ConfigError, match="Ti=0: expected a number above 0"):
+        export_pid(pid, {"K": 1.0, "Ti": 0.0}, tmp_path / "pid.h")
+    with pytest.raises(ConfigError, match="N=0: expected a number above 0"):
+        export_pid(pid, {"K": 1.0, "Td": 1.0, "N": 0}, tmp_path / "pid.h")
 
 
 def test_a_file_that_cannot_be_written_is_refused(tmp_path):

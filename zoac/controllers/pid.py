@@ -16,6 +16,7 @@ where a prime marks the value of the step before. The standard form K (1 + 1 / (
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -25,6 +26,37 @@ from zoac.core.types import is_number
 
 Form = Literal["parallel", "standard"]
 AntiWindup = Literal["back_calculation", "clamping", "none"]
+
+NAMES = {"parallel": ("Kp", "Ki", "Kd", "Tf"), "standard": ("K", "Ti", "Td", "N")}
+"""Parameters of each form; those in the same place stand for each other."""
+
+
+@lru_cache(maxsize=64)  # every step asks
+def _check_names(form: Form, given: tuple[str, ...]) -> None:
+    """See that names are gains, or at least not meant as gains.
+
+    Raises:
+        ConfigError: If a name differs from a gain in its spelling only, is a gain of the other
+            form, or none is a gain.
+    """
+    names = NAMES[form]
+    (other,) = (form for form in NAMES if NAMES[form] is not names)
+    absent = [name for name in names if name not in given]
+    spelt = {name.lower(): name for name in absent}
+    # Others of the other form, such as Td or Tf, may well be meant for something else.
+    of_other = [b for a, b in zip(names[:2], NAMES[other], strict=False) if a in absent]
+    for name in given:
+        if name in names:
+            continue
+        if name in of_other:
+            raise ConfigError(
+                f"{name!r} is a gain of the {other} form; expected {', '.join(names)}, or give "
+                f"PID(form={other!r})"
+            )
+        meant = spelt.get(name.replace("_", "").lower())
+        if meant or len(absent) == len(names):
+            hint = suggest(meant or name, names)
+            raise ConfigError(f"unknown gain {name!r} of the {form} form; {hint}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +131,14 @@ class PID:
         return u[:, None], memory, {}
 
     def gains(self, params: Mapping[str, Any]) -> tuple[Any, Any, Any, Any]:
-        """Return Kp, Ki, Kd and Tf from parameters in this controller's form."""
+        """Return Kp, Ki, Kd and Tf from parameters in this controller's form.
+
+        Parameters of other names are left to the controller that this one is a part of.
+
+        Raises:
+            ConfigError: If a gain is misspelt or of the other form, or none is given.
+        """
+        _check_names(self.form, tuple(params))
         get = params.get
         if self.form == "parallel":
             return get("Kp", 0.0), get("Ki", 0.0), get("Kd", 0.0), get("Tf", 0.0)

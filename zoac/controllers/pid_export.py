@@ -19,9 +19,15 @@ def export_pid(pid: PID, parameters: Mapping[str, float], path: str | Path) -> P
             `.m` (MATLAB's `pid(Kp, Ki, Kd, Tf, Ts)`), `.py` (a function `step(r, y)`).
 
     Raises:
-        ConfigError: If the suffix is unknown, a gain is not finite, or the file cannot be written.
+        ConfigError: If the suffix is unknown, a gain is misspelt or not finite, or the file cannot
+            be written.
     """
     path = writable(path)
+    for name in ("Ti", "N"):
+        if pid.form == "standard" and parameters.get(name) == 0:
+            raise ConfigError(
+                f"{name}=0: expected a number above 0; without that part leave it out"
+            )
     gains = dict(zip(("Kp", "Ki", "Kd", "Tf"), map(float, pid.gains(parameters)), strict=True))
     for name, value in gains.items():
         if not math.isfinite(value):
