@@ -35,6 +35,13 @@ LONGER = 2.5
 MIN_STEPS, MAX_STEPS = 40, 2000
 """Of each of the two parts of an episode."""
 
+COARSER = 4.0
+"""Factor between the sample times that are tried where no loop settles within `MAX_STEPS`."""
+
+SLOWEST = 30.0
+"""A loop that takes longer than this many times the dead time and the slowest time constant is not
+slow: nothing that was screened settles at all."""
+
 GOOD = 1.5
 """A good loop costs at most this many times as much as the best one."""
 
@@ -54,21 +61,68 @@ def designed(
         objective: See `PidLoop`.
 
     Raises:
-        ConfigError: If there is no such rule, or the gains cannot be used.
+        ConfigError: If there is no such rule, the gains cannot be used, or `MAX_STEPS` are too few
+            for the plant at this sample time.
     """
     today, remarks = _today(design, baseline)
+    timed = [spec.max for spec in specs if spec.name in OF_THE_STEP and spec.unit == "s"]
+    limit = max([0.0, *(limit for limit in timed if limit is not None)])
+    _long_enough(design, limit)
     tried = [*([today] if today else []), *candidates(design)]
     best, steps = screened(design, tried)
+    if steps > LONGER * MAX_STEPS:  # nothing settled
+        _refuse_slow_loops(design)
     settled = round(steps / LONGER)
     today = today or best
-    timed = [spec.max for spec in specs if spec.name in OF_THE_STEP and spec.unit == "s"]
-    shortest = LONGER * max([0.0, *(limit for limit in timed if limit is not None)])
-    steps = min(MAX_STEPS, max(MIN_STEPS, steps, math.ceil(shortest / design.sample_time)))
+    shortest = math.ceil(LONGER * limit / design.sample_time)
+    steps = min(MAX_STEPS, max(MIN_STEPS, steps, shortest))
     experiment = experiment_of(design, tried, steps)
     experiment = replace(experiment, noise=design.noise, settled=settled)
     space = space_around(best, today, design.sample_time)
     task = PidLoop(design.plants, design.pid, space, experiment, today, specs, objective)
     return task, remarks
+
+
+def _long_enough(design: Design, limit: float) -> None:
+    """See that the dead times, and a time that a spec allows [s], fit into an episode's part.
+
+    Raises:
+        ConfigError: If they do not.
+    """
+    longest, dead_time = MAX_STEPS * design.sample_time, max(design.dead_times)
+    if 2.0 * dead_time > longest:  # what feedback does is seen after a second dead time
+        raise _too_fast(design, f"the dead time is {dead_time:g} s", 10.0 * dead_time)
+    if limit > longest:
+        raise _too_fast(design, f"a spec allows {limit:g} s", LONGER * limit)
+
+
+def _refuse_slow_loops(design: Design) -> None:
+    """Refuse a sample time at which an episode is too short for a loop to settle.
+
+    Coarser sample times tell whether any loop settles, and how long it takes.
+
+    Raises:
+        ConfigError: If one settles.
+    """
+    roots = np.abs(np.concatenate([system.poles() for system in design.systems]))
+    slowest = max([*design.dead_times, *(1.0 / roots[roots > 1e-9])])
+    coarse = design
+    while MAX_STEPS * coarse.sample_time < SLOWEST * slowest:
+        coarse = replace(coarse, sample_time=COARSER * coarse.sample_time)
+        _, steps = screened(coarse, candidates(coarse))
+        if steps <= LONGER * MAX_STEPS:
+            seconds = steps * coarse.sample_time
+            settled = f"a good loop takes about {seconds / LONGER:.2g} s to settle"
+            raise _too_fast(design, settled, seconds)
+
+
+def _too_fast(design: Design, reason: str, needed: float) -> ConfigError:
+    """Return the refusal of a sample time: `needed` seconds are to be simulated."""
+    return ConfigError(
+        f"sample_time={design.sample_time:g} is too small for this plant: "
+        f"{MAX_STEPS * design.sample_time:.4g} s ({MAX_STEPS} steps) are simulated after the step "
+        f"of the reference, but {reason}; give a sample_time of {needed / MAX_STEPS:.2g} s or more"
+    )
 
 
 def _today(design: Design, baseline: str | Mapping[str, float]) -> tuple[Gains | None, list[str]]:
@@ -77,12 +131,12 @@ def _today(design: Design, baseline: str | Mapping[str, float]) -> tuple[Gains |
         return gains_of(design.structure, baseline), []
     if baseline not in RULES:
         raise ConfigError(f"baseline: unknown rule {baseline!r}; {suggest(baseline, RULES)}")
-    reasons = []
+    reasons: dict[str, None] = {}  # several rules may have the same one
     for rule in (baseline, *(other for other in RULES if other != baseline)):
         try:
             gains = design.by_rule(rule)
         except ConfigError as error:
-            reasons.append(str(error))
+            reasons[str(error)] = None
             continue
         found = f"the baseline is {rule!r} instead of {baseline!r}: {'; '.join(reasons)}"
         return gains, [found] if reasons else []
@@ -148,25 +202,38 @@ def _varied(gains: Gains) -> list[Gains]:
 def experiment_of(design: Design, candidates: Sequence[Gains], part: int) -> Experiment:
     """Return an episode: `part` steps after the reference's step, and as many after the load's.
 
-    The reference is 1, or two thirds of what the input can hold. The load takes half of the input
-    that holds the reference; where the plant integrates, a part of what the P-action would answer.
+    The reference is 1, or two thirds of what the input can hold; below 0 where the input moves the
+    output only down. The load takes half of the input that holds the reference; where the plant
+    integrates, a part of what the P-action would answer.
+
+    Raises:
+        ConfigError: If the input moves some plants only up and others only down.
     """
     low, high = design.input_limits
     at_rest = [_gain_at_rest(system) for system in design.systems]
-    reach = [max(low * gain, high * gain) for gain in at_rest if math.isfinite(gain)]
-    reference = min([1.0, *(limit / 1.5 for limit in reach)])
+    # A limit of 0 holds an output of 0, also where the gain is infinite.
+    ends = [[limit * gain if limit else 0.0 for limit in (low, high)] for gain in at_rest]
+    up, down = min(map(max, ends)), -max(map(min, ends))
+    if not (up > 0 or down > 0):
+        raise ConfigError(
+            f"input_limits={design.input_limits}: such an input moves the output of some plants "
+            "only up and of others only down, so no step of the reference suits all; tune them "
+            "one by one"
+        )
+    size = min(1.0, (up if up > 0 else down) / 1.5)
+    reference = size if up > 0 else -size
     usual = float(np.median([abs(gains["Kp"]) for gains in candidates]))
     room = max(-low, high)
     side = 1.0 if high >= -low else -1.0
-    free = -side * min(0.3 * usual * reference, 0.5 * room)
+    free = -side * min(0.3 * usual * size, 0.5 * room)
     loads = tuple(0.5 * reference / g if math.isfinite(g) else free for g in at_rest)
     return Experiment(2 * part, part, reference, loads)
 
 
 def _gain_at_rest(system: Any) -> float:
-    """Return the plant's static gain; infinite where it integrates."""
+    """Return the plant's static gain; infinite, with its sign, where it integrates."""
     if np.abs(system.poles()).min(initial=np.inf) < 1e-9:
-        return math.inf
+        return math.copysign(math.inf, float(np.real(complex(system(1e-9 + 0j)))))
     return float(np.real(complex(system(0j))))
 
 
@@ -203,5 +270,5 @@ def _settled(segment: Segment, task: PidLoop) -> int:
     part = task.experiment.load_at
     y = segment.observations[: part + 1, -task.loops :]
     around = task.experiment.reference if "Ki" in task.space.names else y[-1]
-    outside = np.abs(y - around).max(axis=1) > BAND * task.experiment.reference
+    outside = np.abs(y - around).max(axis=1) > BAND * abs(task.experiment.reference)
     return int(np.flatnonzero(outside)[-1]) + 1 if outside.any() else 0

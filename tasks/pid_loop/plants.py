@@ -61,8 +61,8 @@ class Design:
                 f"input_limits={self.input_limits}: expected (low, high) around 0, the input at "
                 "rest; state limits as deviations from it"
             )
-        if not (math.isfinite(self.noise) and self.noise >= 0):
-            raise ConfigError(f"noise={self.noise}: expected a standard deviation, 0 or more")
+        if not (is_number(self.noise) and math.isfinite(self.noise) and self.noise >= 0):
+            raise ConfigError(f"noise={self.noise!r}: expected a standard deviation, 0 or more")
 
     @property
     def pid(self) -> PID:
@@ -97,15 +97,23 @@ def gains_of(structure: str, given: Mapping[str, float]) -> Gains:
     """Return given gains, those of a structure, with a filter where none is named.
 
     Raises:
-        ConfigError: If the structure is unknown, or a gain is unknown, missing or not finite.
+        ConfigError: If the structure is unknown, gains are not given by name, or a gain is unknown,
+            missing or not finite, or Tf is negative.
     """
     _known(structure)
     names = PARAMETERS[structure]
+    if not isinstance(given, Mapping):
+        raise ConfigError(
+            f"baseline={given!r}: expected a rule such as 'simc', or gains such as "
+            "{'Kp': 1.0, 'Ki': 0.5}"
+        )
     for name, value in given.items():
         if name not in names:
             raise ConfigError(f"baseline: unknown gain {name!r}; {suggest(name, names)}")
         if not (is_number(value) and math.isfinite(value)):
             raise ConfigError(f"baseline: {name}={value!r}, expected a finite number")
+        if name == "Tf" and value < 0:
+            raise ConfigError(f"baseline: Tf={value!r}, expected seconds, 0 or more")
     gains = dict(given)
     if "Tf" in names and {"Kp", "Kd"} <= gains.keys() and gains["Kp"]:
         gains.setdefault("Tf", tuning_rules.FILTER * abs(gains["Kd"] / gains["Kp"]))
@@ -116,5 +124,5 @@ def gains_of(structure: str, given: Mapping[str, float]) -> Gains:
 
 
 def _known(structure: str) -> None:
-    if structure not in PARAMETERS:
-        raise ConfigError(f"structure={structure!r}: {suggest(structure, PARAMETERS)}")
+    if not isinstance(structure, str) or structure not in PARAMETERS:
+        raise ConfigError(f"structure={structure!r}: {suggest(str(structure), PARAMETERS)}")

@@ -96,6 +96,7 @@ class PidLoop(Task):
             for strict in (False, True)
         )
         loops = LoopsOf([SampledLoop(plant, pid.sample_time) for plant in self.plants], pid)
+        self._closed = loops
         load_at = experiment.load_at * pid.sample_time
         minimised = objective_of(objective, len(self.plants))
         self.specs = (*(fitted(spec, loops, load_at) for spec in specs), minimised)
@@ -127,6 +128,10 @@ class PidLoop(Task):
             input_limits=self.pid.output_limits,
             noises=e.noises,
         )
+
+    def is_stable(self, gains: Mapping[str, float]) -> bool:
+        """Return whether these gains stabilise every plant, in a loop without limits."""
+        return all(loop.is_stable for loop in self._closed(gains))
 
     def tuning_violation(self, segment: Segment) -> float:
         """Return by how much hard specs are broken with the larger noise."""

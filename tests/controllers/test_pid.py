@@ -110,6 +110,34 @@ def test_absent_gains_are_absent_parts():
     assert PID(sample_time=TS, form="standard").gains({"K": 2.0}) == (2.0, 0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("form", "given", "said"),
+    [
+        ("parallel", ["kp"], "unknown gain 'kp' of the parallel form; did you mean 'Kp'"),
+        ("parallel", ["Kp", "KI"], "unknown gain 'KI'.*did you mean 'Ki'"),
+        ("parallel", ["Kp", "K_d"], "unknown gain 'K_d'.*did you mean 'Kd'"),
+        ("parallel", ["K", "Ti"], "'K' is a gain of the standard form.*form='standard'"),
+        ("parallel", ["Kp", "Ti"], "'Ti' is a gain of the standard form"),
+        ("parallel", ["gain"], "unknown gain 'gain'"),
+        ("standard", ["Kp", "Ki"], "'Kp' is a gain of the parallel form; expected K, Ti, Td, N"),
+        ("standard", ["K", "Ki"], "'Ki' is a gain of the parallel form"),
+    ],
+)
+def test_names_that_have_no_effect_are_refused(form, given, said, tmp_path):
+    pid = PID(sample_time=TS, form=form)
+    with pytest.raises(ConfigError, match=said):
+        pid.act({name: np.ones(1) for name in given}, np.ones((1, 1)), pid.init(1))
+    with pytest.raises(ConfigError, match=said):
+        export_pid(pid, dict.fromkeys(given, 1.0), tmp_path / "pid.h")
+
+
+def test_a_controller_around_it_may_have_parameters_of_its_own():
+    others = dict.fromkeys(("T1", "T2", "Td", "N", "feedforward"), 1.0)
+    assert PID(sample_time=TS).gains({**GAINS, **others}) == tuple(GAINS.values())
+    standard = {"K": 2.0, "Ti": 4.0, "Tf": 1.0, "ki_outer": 3.0}
+    assert PID(sample_time=TS, form="standard").gains(standard) == (2.0, 0.5, 0.0, 0.0)
+
+
 def test_anti_windup_shortens_the_overshoot_of_a_saturated_loop():
     def highest(windup):
         pid = PID(sample_time=TS, setpoint=1.0, output_limits=(-1.05, 1.05), anti_windup=windup)
@@ -123,6 +151,19 @@ def test_anti_windup_shortens_the_overshoot_of_a_saturated_loop():
     free = highest("none")
     assert highest("clamping") < free - 0.005
     assert highest("back_calculation") < free - 0.005
+
+
+def test_a_reversed_loop_has_the_same_anti_windup():
+    """Gains and limits of the other sign give the outputs of the other sign."""
+    rng = np.random.default_rng(6)
+    y, r = rng.normal(size=(2, 100)).cumsum(axis=1)
+    pid = PID(sample_time=TS, output_limits=(-1.0, 1.0), anti_windup="back_calculation")
+    assert pid.tracking_time_of(2.0, 1.0, 16.0) == pytest.approx(4.0)  # sqrt(Kd / Ki)
+    assert pid.tracking_time_of(-2.0, -1.0, -16.0) == pytest.approx(4.0)
+    reversed_gains = (-2.0, -1.5, -0.4, 0.1)
+    np.testing.assert_allclose(
+        run(pid, reversed_gains, y, r), -run(pid, tuple(GAINS.values()), y, r), rtol=1e-12
+    )
 
 
 def test_a_bumpless_start_holds_the_output_that_was_there():
@@ -224,6 +265,22 @@ def test_the_exported_matlab_names_the_gains_in_order(tmp_path):
 def test_an_unknown_suffix_is_refused(tmp_path):
     with pytest.raises(ConfigError, match=r"gains\.txt"):
         export_pid(PID(sample_time=TS), GAINS, tmp_path / "gains.txt")
+
+
+def test_a_time_of_zero_in_standard_form_is_refused(tmp_path):
+    pid = PID(sample_time=TS, form="standard")
+    with pytest.raises(ConfigError, match="Ti=0: expected a number above 0"):
+        export_pid(pid, {"K": 1.0, "Ti": 0.0}, tmp_path / "pid.h")
+    with pytest.raises(ConfigError, match="N=0: expected a number above 0"):
+        export_pid(pid, {"K": 1.0, "Td": 1.0, "N": 0}, tmp_path / "pid.h")
+
+
+def test_a_file_that_cannot_be_written_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="No such folder; choose a folder that is there"):
+        export_pid(PID(sample_time=TS), GAINS, tmp_path / "nowhere" / "gains.h")
+    (tmp_path / "gains.h").mkdir()
+    with pytest.raises(ConfigError, match="Is a directory; choose"):
+        export_pid(PID(sample_time=TS), GAINS, tmp_path / "gains.h")
 
 
 def test_gains_that_are_not_finite_are_not_exported(tmp_path):

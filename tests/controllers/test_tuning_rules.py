@@ -74,6 +74,25 @@ def test_a_plant_that_is_not_for_a_rule_is_refused_with_another():
         tuning_rules.gains("simk", control.tf([1], [1, 1]))
 
 
+@pytest.mark.filterwarnings("error")  # nothing is computed before the refusal
+@pytest.mark.parametrize("rule", ["ziegler_nichols", "tyreus_luyben", "simc"])
+@pytest.mark.parametrize(
+    ("plant", "said"),
+    [
+        (control.tf([1, 0], [1, 2, 1]), "a static gain of 0"),
+        (control.tf([0], [1, 1]), "a static gain of 0"),
+        (control.tf([1], [1, 0, 1]), "complex poles without damping"),
+        (control.tf([1], [1, -0.2, 1]), "complex poles without damping"),
+        (control.tf([1], [1, 0, 0]), "integrates twice"),
+        (control.ss(control.tf([1], [1, 1, 0, 0])), "integrates twice"),
+    ],
+)
+def test_a_plant_without_an_answer_by_any_rule_is_refused(rule, plant, said):
+    """With a dead time no proportional loop of theirs is stable, or none holds a reference."""
+    with pytest.raises(ConfigError, match=f"{said}.*Give gains"):
+        tuning_rules.gains(rule, plant, "PI", dead_time=0.1)
+
+
 def test_many_equal_lags_are_a_dead_time_and_a_lag():
     """The step response of n lags of 1 s is the distribution function of a gamma variable."""
     plant = control.tf([1], np.poly([-1.0] * 16))

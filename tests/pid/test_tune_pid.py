@@ -167,13 +167,24 @@ def test_an_environment_is_tuned_from_the_gains_of_today(monkeypatch):
         ({"baseline": {"Kp": 1.0}}, "no value for Ki of a PI"),
         ({"baseline": {"Kp": 1.0, "Kj": 1.0}}, "unknown gain 'Kj'; did you mean"),
         ({"baseline": {"Kp": math.nan, "Ki": 1.0}}, "Kp=nan, expected a finite number"),
+        (
+            {"structure": "PD", "baseline": {"Kp": 1.0, "Kd": 0.1, "Tf": -1}},
+            "Tf=-1, expected seconds, 0 or more",
+        ),
         ({"objective": "iea"}, "objective='iea'"),
         ({"objective": specs.peak("y", max=1.0)}, "a spec without a limit"),
         ({"input_limits": (1.0, 2.0)}, "expected \\(low, high\\) around 0"),
         ({"input_limits": 12}, "input_limits=12: expected \\(low, high\\)"),
         ({"noise": -1.0}, "noise=-1.0"),
         ({"sample_time": 0.0}, "sample_time=0.0"),
+        ({"noise": "low"}, "noise='low': expected a standard deviation"),
+        ({"sample_time": "0.05"}, "sample_time='0.05': expected seconds above 0"),
+        ({"structure": ["PI"]}, "structure=\\['PI'\\]: .*known: P, PD, PI, PID"),
+        ({"baseline": [1, 2]}, "baseline=\\[1, 2\\]: expected a rule such as 'simc', or gains"),
+        ({"baseline": None}, "baseline=None: expected a rule"),
         ({"dead_time": (0.1, 0.2)}, "2 dead times for 1 plants"),
+        ({"dead_time": "0.1s"}, "dead_time='0.1s': expected seconds, or a list"),
+        ({"dead_time": None}, "dead_time=None: expected seconds, or a list"),
         ({"dead_time": -1.0}, "dead_time=-1.0: expected seconds, 0 or more"),
         ({"specs": [specs.overshoot("z", "r", max=0.1)]}, "no signal 'z'"),
     ],
@@ -198,6 +209,11 @@ def test_what_cannot_be_used_is_refused(options, said):
 def test_a_plant_that_cannot_be_simulated_is_refused(plant, said):
     with pytest.raises(ConfigError, match=said):
         zoac.tune_pid(plant, sample_time=0.1)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, lambda value: np.array([value])])
+def test_a_dead_time_of_numpy_is_one_of_python(kind):
+    assert tuning._dead_times(kind(0.125), 1) == [0.125]
 
 
 def test_an_environment_has_no_rules_and_its_own_dead_time():
@@ -234,13 +250,21 @@ def test_a_file_gives_what_python_gives(tmp_path):
     [
         (FILE.replace("dead_time", "deadtime"), "no key 'deadtime'; did you mean 'dead_time'"),
         (FILE.replace("sample_time", "seed"), "no value for sample_time"),
-        (FILE.replace("num", "nom"), "expected num and den"),
+        (FILE.replace("num", "nom"), "no key 'nom'; did you mean 'num'"),
+        (FILE.replace("num: [2], ", ""), "expected num and den"),
+        (FILE.replace("num", "dead_time: 0.5, num"), "dead_time has a line of its own"),
+        (FILE.replace("num", "gain: 2, num"), "plant: no key 'gain'"),
         (FILE.replace("overshoot", "overshot"), "did you mean 'overshoot'"),
+        (FILE + "export: nowhere/pid.h\n", "No such folder; choose a folder that is there"),
+        (FILE + "export: pid.txt\n", "export to 'pid.txt'"),
+        (FILE + "export: 1\n", "export=1: expected a file"),
+        (FILE.replace("0.1\n", "\n"), "dead_time=None"),
         ("- 1\n", "expected keys and values"),
         ("a: [\n", "cannot be read"),
     ],
 )
-def test_a_file_that_cannot_be_used_gets_one_message(tmp_path, capsys, text, said):
+def test_a_file_that_cannot_be_used_gets_one_message(tmp_path, capsys, monkeypatch, text, said):
+    monkeypatch.setattr(tuning, "tune", None)  # told before any tuning
     path = tmp_path / "plant.yaml"
     path.write_text(text)
     assert main([str(path)]) == 1

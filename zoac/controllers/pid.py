@@ -16,14 +16,47 @@ where a prime marks the value of the step before. The standard form K (1 + 1 / (
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from zoac.core.errors import ConfigError, suggest
+from zoac.core.types import is_number
 
 Form = Literal["parallel", "standard"]
 AntiWindup = Literal["back_calculation", "clamping", "none"]
+
+NAMES = {"parallel": ("Kp", "Ki", "Kd", "Tf"), "standard": ("K", "Ti", "Td", "N")}
+"""Parameters of each form; those in the same place stand for each other."""
+
+
+@lru_cache(maxsize=64)  # every step asks
+def _check_names(form: Form, given: tuple[str, ...]) -> None:
+    """See that names are gains, or at least not meant as gains.
+
+    Raises:
+        ConfigError: If a name differs from a gain in its spelling only, is a gain of the other
+            form, or none is a gain.
+    """
+    names = NAMES[form]
+    (other,) = (form for form in NAMES if NAMES[form] is not names)
+    absent = [name for name in names if name not in given]
+    spelt = {name.lower(): name for name in absent}
+    # Others of the other form, such as Td or Tf, may well be meant for something else.
+    of_other = [b for a, b in zip(names[:2], NAMES[other], strict=False) if a in absent]
+    for name in given:
+        if name in names:
+            continue
+        if name in of_other:
+            raise ConfigError(
+                f"{name!r} is a gain of the {other} form; expected {', '.join(names)}, or give "
+                f"PID(form={other!r})"
+            )
+        meant = spelt.get(name.replace("_", "").lower())
+        if meant or len(absent) == len(names):
+            hint = suggest(meant or name, names)
+            raise ConfigError(f"unknown gain {name!r} of the {form} form; {hint}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +100,9 @@ class PID:
     initial_output: float | None = None
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.sample_time) and self.sample_time > 0):
-            raise ConfigError(f"sample_time={self.sample_time}: expected seconds above 0")
+        ts = self.sample_time
+        if not (is_number(ts) and math.isfinite(ts) and ts > 0):
+            raise ConfigError(f"sample_time={ts!r}: expected seconds above 0")
         low, high = self.output_limits
         if not low < high:
             raise ConfigError(f"output_limits={self.output_limits}: expected (low, high)")
@@ -97,7 +131,14 @@ class PID:
         return u[:, None], memory, {}
 
     def gains(self, params: Mapping[str, Any]) -> tuple[Any, Any, Any, Any]:
-        """Return Kp, Ki, Kd and Tf from parameters in this controller's form."""
+        """Return Kp, Ki, Kd and Tf from parameters in this controller's form.
+
+        Parameters of other names are left to the controller that this one is a part of.
+
+        Raises:
+            ConfigError: If a gain is misspelt or of the other form, or none is given.
+        """
+        _check_names(self.form, tuple(params))
         get = params.get
         if self.form == "parallel":
             return get("Kp", 0.0), get("Ki", 0.0), get("Kd", 0.0), get("Tf", 0.0)
@@ -155,6 +196,6 @@ class PID:
         if self.tracking_time is not None:
             return self.tracking_time
         with np.errstate(divide="ignore", invalid="ignore"):
-            time = np.where(np.asarray(kd) > 0, np.sqrt(np.divide(kd, ki)), np.divide(kp, ki))
+            time = np.where(np.asarray(kd * ki) > 0, np.sqrt(np.divide(kd, ki)), np.divide(kp, ki))
         # Without an integral part there is nothing to lead back.
         return np.where(np.isfinite(time) & (time > 0), np.maximum(time, self.sample_time), np.inf)

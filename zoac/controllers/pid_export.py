@@ -19,18 +19,47 @@ def export_pid(pid: PID, parameters: Mapping[str, float], path: str | Path) -> P
             `.m` (MATLAB's `pid(Kp, Ki, Kd, Tf, Ts)`), `.py` (a function `step(r, y)`).
 
     Raises:
-        ConfigError: If the suffix is unknown, or a gain is not finite.
+        ConfigError: If the suffix is unknown, a gain is misspelt or not finite, or the file cannot
+            be written.
     """
-    path = Path(path).expanduser()
+    path = writable(path)
+    for name in ("Ti", "N"):
+        if pid.form == "standard" and parameters.get(name) == 0:
+            raise ConfigError(
+                f"{name}=0: expected a number above 0; without that part leave it out"
+            )
     gains = dict(zip(("Kp", "Ki", "Kd", "Tf"), map(float, pid.gains(parameters)), strict=True))
     for name, value in gains.items():
         if not math.isfinite(value):
             raise ConfigError(f"{name}={value}: only finite gains can be exported")
-    writers = {".c": _c, ".h": _header, ".m": _matlab, ".py": _python}
-    if path.suffix not in writers:
-        raise ConfigError(f"export to {path.name!r}: {suggest(path.suffix, writers)}")
-    path.write_text(writers[path.suffix](pid, gains), encoding="utf-8")
+    code = WRITERS[path.suffix](pid, gains)
+    try:
+        path.write_text(code, encoding="utf-8")
+    except OSError as error:
+        raise _unwritable(path, str(error.strerror)) from None
     return path
+
+
+def writable(path: str | Path) -> Path:
+    """Return the path of an export, seen to be one that can be written.
+
+    Raises:
+        ConfigError: If its suffix is unknown or its folder is missing.
+    """
+    if not isinstance(path, str | Path):
+        raise ConfigError(f"export={path!r}: expected a file, such as 'pid.h'")
+    path = Path(path).expanduser()
+    if path.suffix not in WRITERS:
+        raise ConfigError(f"export to {path.name!r}: {suggest(path.suffix, WRITERS)}")
+    if not path.parent.is_dir():
+        raise _unwritable(path, "No such folder")
+    return path
+
+
+def _unwritable(path: Path, reason: str) -> ConfigError:
+    return ConfigError(
+        f"export to {str(path)!r}: {reason}; choose a folder that is there and can be written to"
+    )
 
 
 def _number(value: float) -> str:
@@ -164,3 +193,7 @@ def _python(pid: PID, gains: Mapping[str, float]) -> str:
 
 def _literal(value: object) -> str:
     return repr(value).replace("inf", "math.inf")
+
+
+WRITERS = {".c": _c, ".h": _header, ".m": _matlab, ".py": _python}
+"""By suffix."""

@@ -47,8 +47,10 @@ def gains(
         sample_time: T_s [s], half of which counts as dead time.
 
     Raises:
-        ConfigError: If the rule is unknown, or the plant is not one for the rule.
+        ConfigError: If the rule is unknown, or the plant is not one for the rule: its static gain
+            is 0, it integrates twice, or it has complex poles without damping.
     """
+    _refuse_without_answer(plant)
     delay = dead_time + sample_time / 2
     if rule == "simc":
         k, ti, td = _simc(first_order(plant, delay), structure)
@@ -66,6 +68,24 @@ def gains(
         "Kd": k * td if derivative else 0.0,
         "Tf": FILTER * td if derivative else 0.0,
     }
+
+
+def _refuse_without_answer(plant: Any) -> None:
+    """Refuse plants that no rule is made for: its formulas would give useless numbers.
+
+    Raises:
+        ConfigError: If `plant` is one.
+    """
+    poles, zeros = plant.poles(), plant.zeros()
+    found = None
+    if np.any((np.abs(poles.imag) > 1e-9) & (poles.real > -1e-9 * np.abs(poles))):
+        found = "has complex poles without damping"
+    elif np.sum(np.abs(poles) < 1e-9) > 1:
+        found = "integrates twice"
+    elif np.abs(zeros).min(initial=np.inf) < 1e-9 or plant(1j) == 0:
+        found = "has a static gain of 0"
+    if found:
+        raise ConfigError(f"the plant {found}: no rule here has an answer for it. Give gains")
 
 
 # Kp / Ku, Ti / Tu and Td / Tu.

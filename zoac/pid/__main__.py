@@ -27,7 +27,8 @@ def from_file(path: str | Path) -> PidResult:
     Raises:
         ConfigError: If something in the file cannot be used.
     """
-    from zoac.pid.tuning import tune_pid  # --help need not wait for it
+    from zoac.controllers.pid_export import writable  # --help need not wait for these
+    from zoac.pid.tuning import tune_pid
 
     known = ["plant", "export", *list(inspect.signature(tune_pid).parameters)[1:]]
     given: Any
@@ -45,6 +46,8 @@ def from_file(path: str | Path) -> PidResult:
     if missing:
         raise ConfigError(f"{path}: no value for {', '.join(missing)}")
     export = given.pop("export", None)
+    if export is not None:
+        writable(export)  # known before tuning
     plants = given.pop("plant")
     several = isinstance(plants, list)
     systems = [_system(plant) for plant in (plants if several else [plants])]
@@ -58,6 +61,13 @@ def _system(given: Any) -> Any:
     """Return a transfer function from numerator and denominator."""
     import control
 
+    for key in given if isinstance(given, dict) else ():
+        if key == "dead_time":
+            raise ConfigError(
+                "plant: dead_time has a line of its own beside plant; a list gives one per plant"
+            )
+        if key not in ("num", "den"):
+            raise ConfigError(f"plant: no key {key!r}; {suggest(str(key), ('num', 'den'))}")
     try:
         return control.tf(given["num"], given["den"])
     except Exception as error:  # whatever python-control finds wrong

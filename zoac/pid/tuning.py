@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from zoac.controllers.pid import PID
 from zoac.controllers.pid_export import export_pid
@@ -18,7 +20,7 @@ from zoac.run.api import tune
 from zoac.runs.result import Result
 from zoac.specs.signals import action, observation
 from zoac.specs.spec import Spec
-from zoac.tasks.pid_loop import Design, designed
+from zoac.tasks.pid_loop import Design, PidLoop, designed
 from zoac.tasks.pid_loop.design import space_around
 from zoac.tasks.pid_loop.plants import gains_of
 from zoac.tasks.pid_loop.requirements import objective_of
@@ -35,6 +37,11 @@ EPISODES = 1000
 EPISODES_IN_ENVIRONMENT = 400
 """In a user's environment, which may be slow."""
 
+UNSTABLE = (
+    "The loop with these gains is unstable, so no spec counts as met. Try another structure, or "
+    "plants that differ less."
+)
+
 POPULATION = 24
 """Points of a generation, simulated side by side."""
 
@@ -49,6 +56,8 @@ class PidResult:
         controller: The PID that these gains belong to, with its limits and anti-windup.
         run: The tuning run, with its folder.
         warnings: What is wrong with the answer or the baseline, one sentence each.
+        stable: Whether the gains stabilise every plant; True in an environment, where it is not
+            known.
     """
 
     parameters: dict[str, float]
@@ -56,16 +65,20 @@ class PidResult:
     controller: PID
     run: Result = field(repr=False)
     warnings: list[str] = field(default_factory=list)
+    stable: bool = True
 
     @property
     def specs(self) -> pd.DataFrame:
-        """What became of each spec; see `Result.specs`."""
-        return self.run.specs
+        """What became of each spec; see `Result.specs`. An unstable loop meets none."""
+        table = self.run.specs
+        if not self.stable:
+            table["met"] = [None if met is None else False for met in table["met"]]
+        return table
 
     @property
     def feasible(self) -> bool:
-        """Whether the gains keep every hard spec."""
-        return self.run.feasible
+        """Whether the gains stabilise every plant and keep every hard spec."""
+        return self.stable and self.run.feasible
 
     @property
     def folder(self) -> Path:
@@ -160,12 +173,33 @@ def tune_pid(
                 raise ConfigError(f"{name}={value!r}: an environment has its own")
         pid = PID(sample_time=sample_time, r=1, output_limits=limits)
         return _in_environment(plant, pid, structure, required, objective, baseline, seed)
-    dead_times = [dead_time] * len(systems) if isinstance(dead_time, int | float) else dead_time
-    if len(dead_times) != len(systems):
-        raise ConfigError(f"{len(dead_times)} dead times for {len(systems)} plants")
+    dead_times = _dead_times(dead_time, len(systems))
     design = Design(systems, dead_times, sample_time, structure, limits, noise)
     task, remarks = designed(design, baseline, required, objective)
-    return _tuned(task, task.pid, EPISODES, seed, remarks)
+    result = _tuned(task, task.pid, EPISODES, seed, remarks)
+    return _with_stability(result, task)
+
+
+def _dead_times(given: Any, plants: int) -> list[float]:
+    """Return a dead time [s] for each plant."""
+    if is_number(given):
+        return [given] * plants
+    if not isinstance(given, list | tuple | np.ndarray) or np.ndim(given) != 1:
+        raise ConfigError(f"dead_time={given!r}: expected seconds, or a list with one per plant")
+    if len(given) != plants:
+        raise ConfigError(f"{len(given)} dead times for {plants} plants")
+    return list(given)
+
+
+def _with_stability(result: PidResult, task: PidLoop) -> PidResult:
+    """Return a result that says which gains leave a loop unstable.
+
+    A loop that diverges slowly may keep every spec as long as an episode lasts.
+    """
+    stable = task.is_stable(result.parameters)
+    first = [] if stable else [UNSTABLE]
+    last = [] if task.is_stable(result.baseline) else ["The loop with the baseline is not stable."]
+    return replace(result, stable=stable, warnings=[*first, *result.warnings, *last])
 
 
 def _in_environment(
