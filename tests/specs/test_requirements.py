@@ -182,3 +182,24 @@ def test_signals_that_are_not_named_are_y_r_and_u():
     assert specs.overshoot(max=0.05) == specs.overshoot("y", "r", max=0.05)
     assert specs.peak().signals == ("y",)
     assert specs.total_variation().signals == ("u",)
+
+
+@pytest.mark.parametrize("most", [1.0, 5.0, 20.0, 1e4])
+@pytest.mark.parametrize("make", [specs.settling_time, specs.rise_time])
+def test_an_infinite_time_breaks_any_limit_and_the_nearer_response_breaks_it_by_less(make, most):
+    spec = make("y", "r", max=most)
+    found = []
+    for end in (0.89, 0.8, 0.3):
+        response = episode(end * (1.0 - np.exp(-3 * T)))
+        value = spec.of_episode(response)
+        assert value == math.inf
+        assert not spec.met(value)
+        found.append(spec.violation_of(response, value))
+    assert 1.0 < found[0] < found[1] < found[2] < 2.0
+
+
+def test_a_response_that_never_rises_keeps_a_lower_limit():
+    spec = specs.rise_time("y", "r", min=20.0)
+    response = episode(0.5 * (1.0 - np.exp(-3 * T)))
+    assert spec.met(spec.of_episode(response))
+    assert spec.violation_of(response, math.inf) == 0.0

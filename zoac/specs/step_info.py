@@ -58,25 +58,25 @@ def rise_time(
 
 
 def never_settled(t: np.ndarray, y: np.ndarray, r: Samples, band: float = 0.02) -> float:
-    """Return a time [s] beyond the last sample for a response that has not settled there.
+    """Return by what factor a response that never settles counts as later than its last sample.
 
     It grows with the error over the last tenth of the samples, in bands: of two responses that
     never settle, the one that is farther off counts as the later one.
     """
     width = band * (abs(_last(r) - y[0]) or 1.0)
     off = steady_state_error(t, y, _last(r)) / width if width else np.inf
-    return float(t[-1] - t[0]) * (1.0 + off)
+    return 1.0 + off
 
 
 def never_rose(
     t: np.ndarray, y: np.ndarray, r: Samples, low: float = 0.1, high: float = 0.9
 ) -> float:
-    """Return a time [s] beyond the last sample for a response that has not risen there.
+    """Return by what factor a response that never rises counts as later than its last sample.
 
     It grows with what is missing of the step.
     """
     step = _last(r) - y[0]
-    return float(t[-1] - t[0]) * (1.0 + high - float(np.max((y - y[0]) / step)))
+    return 1.0 + high - float(np.max((y - y[0]) / step))
 
 
 def steady_state_error(t: np.ndarray, y: np.ndarray, r: Samples, last: float = 0.1) -> float:
