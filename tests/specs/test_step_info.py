@@ -97,3 +97,12 @@ def test_a_sample_that_is_not_finite_breaks_every_limit(bad):
     t = np.arange(11.0)
     assert {figure(t, y, 1.0) for figure in REFERENCED} == {math.inf}
     assert {figure(t, y) for figure in ALONE} == {math.inf}
+
+
+@pytest.mark.parametrize("start", [0.0, 20.0, -3.0])
+@pytest.mark.parametrize("side", [-0.02, 0.02])
+def test_a_response_on_the_edge_of_the_band_has_settled_and_one_beyond_has_not(start, side):
+    t = np.arange(0.0, 1.0, 0.01)
+    edge, beyond = (np.where(t < 0.5, start, start + 1.0 + by) for by in (side, 1.001 * side))
+    assert of.settling_time(t, edge, start + 1.0) == pytest.approx(0.5)
+    assert of.settling_time(t, beyond, start + 1.0) == math.inf

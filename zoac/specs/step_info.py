@@ -33,7 +33,9 @@ def settling_time(t: np.ndarray, y: np.ndarray, r: Samples, band: float = 0.02) 
     if not _finite(y, r):
         return np.inf
     step = _last(r) - y[0]
-    outside = np.flatnonzero(np.abs(y - _last(r)) > band * (abs(step) or 1.0))
+    # A sample that rounding puts just outside is inside.
+    width = (1.0 + 1e-9) * band * (abs(step) or 1.0)
+    outside = np.flatnonzero(np.abs(y - _last(r)) > width)
     if not len(outside):
         return 0.0
     after = outside[-1] + 1
