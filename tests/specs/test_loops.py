@@ -165,3 +165,17 @@ def test_a_state_space_model_has_the_figures_of_its_transfer_function(figure):
     assert figure(control.ss(system)) == pytest.approx(figure(system), rel=1e-6)
     sampled = control.sample_system(system, 0.05)
     assert figure(control.ss(sampled)) == pytest.approx(figure(sampled), rel=1e-6)
+
+
+def test_a_loop_at_its_limit_has_no_gain_to_spare():
+    # k / (s + 1)^3 is at its limit for k = 8; rounding decides whether it is stable.
+    for k in (8.0, 8.0 - 1e-12, 8.0 + 1e-12):
+        found = loops.gain_margin(control.tf([k], [1, 3, 3, 1]))
+        assert found == 0.0 or found == pytest.approx(1.0)
+
+
+def test_a_loop_that_is_a_number_has_no_limit_of_phase_and_of_its_disk():
+    static = control.tf([1.0], [1.0])
+    assert (loops.gain_margin(static), loops.phase_margin(static)) == (math.inf, math.inf)
+    assert loops.disk_margin(static) == math.inf
+    assert loops.max_sensitivity(static) == pytest.approx(0.5)

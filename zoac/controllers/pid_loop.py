@@ -11,7 +11,7 @@ import numpy as np
 
 from zoac.controllers.pid import PID
 from zoac.envs.linear_loop import SampledPlant
-from zoac.specs.frequency import beside
+from zoac.specs.loops import beside
 
 POINTS = 2000
 """Frequencies at which a loop is looked at, logarithmic up to the Nyquist frequency; beside weakly

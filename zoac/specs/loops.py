@@ -6,13 +6,13 @@ unstable margins are 0 and the sensitivity is infinite.
 """
 
 import math
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from zoac.core.errors import ConfigError
-from zoac.specs.frequency import beside, crossings, highest
 
 POINTS, PER_DECADE = 2000, 200
 """Frequencies at least at which a response is looked at, logarithmic over the corners of the open
@@ -20,21 +20,31 @@ and the closed loop and `DECADES` beside them."""
 
 DECADES = 2
 
+WEAK = 0.1
+"""Damping ratio below which a root has a peak that may fall between two points of the grid."""
+
+BESIDE = 150
+"""Frequencies on each side of a weakly damped root."""
+
+Figure = Callable[[np.ndarray], np.ndarray]
+"""Function of frequencies (K,) [rad/s] that returns as many numbers."""
+
 
 def gain_margin(loop: Any) -> float:
     """Return the factor above 1 by which the loop's gain may grow until it is unstable."""
     if not is_stable(loop):
         return 0.0
-    at = crossings(lambda omega: _response(loop, omega).imag, _frequencies(loop))
+    at = _crossings(lambda omega: _response(loop, omega).imag, _frequencies(loop))
     real = _response(loop, np.append(at, _ends(loop))).real
-    return float(np.min(-1.0 / real[(real < 0) & (real > -1)], initial=np.inf))
+    # Rounding may put the response of a loop at its limit on either side of -1.
+    return float(np.min(-1.0 / real[(real < 0) & (real > -1.0 - 1e-9)], initial=np.inf))
 
 
 def phase_margin(loop: Any) -> float:
     """Return the phase [deg] that the loop may lose where its gain is 1 until it is unstable."""
     if not is_stable(loop):
         return 0.0
-    at = crossings(lambda omega: np.abs(_response(loop, omega)) - 1.0, _frequencies(loop))
+    at = _crossings(lambda omega: np.abs(_response(loop, omega)) - 1.0, _frequencies(loop))
     return math.degrees(np.min(np.abs(np.angle(-_response(loop, at))), initial=np.inf))
 
 
@@ -51,14 +61,15 @@ def disk_margin(loop: Any) -> float:
         response = _response(loop, omega)
         return np.abs((1.0 - response) / (1.0 + response)) / 2.0
 
-    return 1.0 / highest(inverse, _frequencies(loop))
+    largest = _highest(inverse, _frequencies(loop))
+    return 1.0 / largest if largest else np.inf
 
 
 def max_sensitivity(loop: Any) -> float:
     """Return Ms, the largest magnitude of 1 / (1 + L): one over the distance of L to -1."""
     if not is_stable(loop):
         return np.inf
-    return highest(lambda omega: 1.0 / np.abs(1.0 + _response(loop, omega)), _frequencies(loop))
+    return _highest(lambda omega: 1.0 / np.abs(1.0 + _response(loop, omega)), _frequencies(loop))
 
 
 def bandwidth(loop: Any) -> float:
@@ -72,7 +83,7 @@ def bandwidth(loop: Any) -> float:
         return 0.0
     closed = control.feedback(loop, 1)
     level = math.sqrt(0.5) * abs(_response(closed, np.zeros(1))[0])
-    at = crossings(lambda omega: np.abs(_response(closed, omega)) - level, _frequencies(loop))
+    at = _crossings(lambda omega: np.abs(_response(closed, omega)) - level, _frequencies(loop))
     return float(at[0]) if len(at) else np.inf
 
 
@@ -132,3 +143,66 @@ def _response(loop: Any, omega: np.ndarray) -> np.ndarray:
             states = np.linalg.solve(at[:, None, None] * np.eye(loop.nstates) - loop.A, loop.B)
             return np.asarray((loop.C @ states)[:, 0, 0] + loop.D[0, 0])
     return np.asarray(loop(at, warn_infinite=False)).reshape(-1)
+
+
+def beside(roots: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """Return a grid of frequencies with further ones beside weakly damped roots.
+
+    Args:
+        roots: Poles and zeros in continuous time, complex.
+        omega: The grid (K,) [rad/s], increasing.
+    """
+    weak = roots[(roots.imag > 0) & (np.abs(roots.real) < WEAK * np.abs(roots))]
+    if not len(weak):
+        return omega
+    found = [omega]
+    for root in weak:
+        # A root on the axis has no width of its own.
+        width = max(abs(root.real), 1e-9 * root.imag)
+        offset = np.geomspace(0.01 * width, WEAK * root.imag, BESIDE)
+        found += [root.imag - offset, root.imag + offset]
+    every = np.unique(np.concatenate(found))
+    return every[(every >= omega[0]) & (every <= omega[-1])]
+
+
+@np.errstate(divide="ignore", invalid="ignore")  # at a pole on the axis
+def _highest(figure: Figure, omega: np.ndarray) -> float:
+    """Return the largest value of a figure: its largest on a grid, refined between the neighbours.
+
+    Args:
+        figure: What is looked at.
+        omega: The grid (K,) [rad/s].
+    """
+    values = figure(omega)
+    for _ in range(REFINEMENTS):
+        k = int(np.nanargmax(values))
+        omega = np.linspace(omega[max(k - 1, 0)], omega[min(k + 1, len(omega) - 1)], REFINED)
+        values = figure(omega)
+    return float(np.nanmax(values))
+
+
+REFINEMENTS, REFINED = 3, 41
+"""How often the neighbourhood of a peak is looked at more closely, and at how many points."""
+
+
+@np.errstate(divide="ignore", invalid="ignore")  # at a pole on the axis
+def _crossings(figure: Figure, omega: np.ndarray) -> np.ndarray:
+    """Return the frequencies (N,) [rad/s] at which a figure changes its sign.
+
+    Args:
+        figure: What is looked at.
+        omega: A grid (K,) [rad/s]; one change between two of its points is found.
+    """
+    values = figure(omega)
+    omega, signs = omega[np.isfinite(values)], np.sign(values[np.isfinite(values)])
+    at = np.flatnonzero(signs[:-1] != signs[1:])
+    before, after, sign = omega[at], omega[at + 1], signs[at]
+    for _ in range(HALVINGS if len(at) else 0):
+        middle = 0.5 * (before + after)
+        same = np.sign(figure(middle)) == sign
+        before, after = np.where(same, middle, before), np.where(same, after, middle)
+    return before
+
+
+HALVINGS = 50
+"""Of the interval around a crossing: as many as a double has bits."""
