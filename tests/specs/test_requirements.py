@@ -211,3 +211,14 @@ def test_a_response_that_never_rises_keeps_a_lower_limit():
     response = episode(0.5 * (1.0 - np.exp(-3 * T)))
     assert spec.met(spec.of_episode(response))
     assert spec.violation_of(response, math.inf) == 0.0
+
+
+def test_a_loop_that_cannot_be_made_or_judged_is_told_with_its_spec():
+    control = pytest.importorskip("control")
+    continuous, discrete = control.tf([1], [1, 1]), control.tf([1], [1, -0.5], 0.1)
+    mixed = specs.gain_margin(lambda p: p["k"] * continuous * discrete, min=2.0)
+    with pytest.raises(ConfigError, match=r"gain_margin: loop\(\{'k': 2\.0\}\) raised ValueError"):
+        mixed.of_parameters({"k": 2.0})
+    measured = specs.phase_margin(lambda p: control.frd([1, 2, 3], [1, 2, 3]), min=30.0)
+    with pytest.raises(ConfigError, match="expected a transfer function or a state-space model"):
+        measured.of_parameters({"k": 2.0})

@@ -100,6 +100,11 @@ def is_stable(loop: Any) -> bool:
             f"loop={loop!r}: expected a system of python-control with one input and one output; "
             "break the loop at one signal"
         )
+    if not isinstance(loop, control.TransferFunction | control.StateSpace):
+        raise ConfigError(
+            f"loop: {type(loop).__name__}, expected a transfer function or a state-space model; "
+            "frequency data do not tell whether the closed loop is stable"
+        )
     poles = control.feedback(loop, 1).poles()
     inside = np.abs(poles) < 1.0 if loop.isdtime(strict=True) else poles.real < 0.0
     return bool(inside.all())

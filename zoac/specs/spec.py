@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from zoac.core.errors import ConfigError
+from zoac.core.errors import ConfigError, ZoacError
 from zoac.core.types import is_number
 from zoac.specs.signals import Episode
 
@@ -202,13 +202,8 @@ class Spec:
         Raises:
             ConfigError: If the loop cannot be made, or is none of a single input and output.
         """
-        assert self.loop is not None  # see `zoac.specs.judge.check`
         try:
-            return self._number(self.figure(self.loop(parameters), **self.options))
-        except KeyError as error:
-            raise ConfigError(
-                f"{self}: loop(parameters) asked for {error}; known: {', '.join(parameters)}"
-            ) from error
+            return self._number(self.figure(self._made(parameters), **self.options))
         except ModuleNotFoundError as error:
             if error.name != "control":
                 raise
@@ -216,6 +211,22 @@ class Spec:
                 f"{self}: figures of a loop need python-control, which is not installed: "
                 "pip install 'zoac[control]'"
             ) from None
+
+    def _made(self, parameters: Mapping[str, Any]) -> Any:
+        """Return the loop with these parameters."""
+        assert self.loop is not None  # see `zoac.specs.judge.check`
+        try:
+            return self.loop(parameters)
+        except (ZoacError, ModuleNotFoundError):
+            raise
+        except KeyError as error:
+            raise ConfigError(
+                f"{self}: loop(parameters) asked for {error}; known: {', '.join(parameters)}"
+            ) from error
+        except Exception as error:  # whatever a user's function raises
+            raise ConfigError(
+                f"{self}: loop({dict(parameters)}) raised {type(error).__name__}: {error}"
+            ) from error
 
     def _number(self, value: float) -> float:
         return self.worst if math.isnan(value) else float(value)
