@@ -113,7 +113,7 @@ def itae(y: str = "y", r: str = "r", **limits: Any) -> Spec:
 
 
 def rms(y: str = "y", **limits: Any) -> Spec:
-    """Require the root of the mean square of `y`."""
+    """Require the root of the mean square of `y` over time."""
     return _of("rms", y, limits=limits)
 
 
