@@ -54,6 +54,18 @@ def test_margins_are_those_of_python_control(parameters, dead_time):
     )
 
 
+@pytest.mark.parametrize("zeta", [0.05, 0.002, 0.0005])
+def test_the_peak_of_a_weakly_damped_mode_of_the_plant_is_found(zeta):
+    ts = 0.01
+    mode = control.tf([-1.8 * zeta * 2500], [1, 100 * zeta, 2500])
+    of_mode = sampled(control.tf([0.5], [1, 1]) + mode, ts)
+    found = SampledLoop(of_mode, ts).at(PID(sample_time=ts), {"Kp": 1.0}).max_sensitivity()
+    z = np.exp(1j * ts * 50 * (1 + zeta * np.linspace(-5, 5, 100001)))
+    exact = (1 / np.abs(1 + of_mode.response(z))).max()
+    assert exact > 1.3
+    assert found == pytest.approx(exact, rel=2e-3)
+
+
 @pytest.mark.parametrize("name", ["Kp", "Ki", "Kd"])
 @pytest.mark.parametrize("factor", [0.98, 1.02])
 def test_a_loop_is_unstable_beyond_its_gain_margin_and_in_the_simulation_too(name, factor):

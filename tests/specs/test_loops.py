@@ -72,3 +72,110 @@ def test_what_is_no_single_loop_is_refused():
         loops.gain_margin(control.ss([[0.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]]))
     with pytest.raises(ConfigError, match="expected a system of python-control"):
         loops.gain_margin(3.0)
+
+
+@pytest.mark.parametrize(("k", "lag"), [(1.0, 1.0), (1e6, 0.05), (1e7, 0.1), (1e-8, 1.0)])
+def test_sensitivity_is_the_closed_form_also_where_the_gain_is_1_far_beyond_the_corners(k, lag):
+    # L = k / (s (lag s + 1)), of damping ratio zeta (Astrom and Hagglund, Advanced PID Control).
+    z = 1 / (4 * k * lag)  # zeta^2
+    root = math.sqrt(8 * z + 1)
+    exact = math.sqrt((root**2 + (4 * z + 1) * root) / (root**2 + (4 * z - 1) * root))
+    assert loops.max_sensitivity(loop(k, lag)) == pytest.approx(exact, rel=1e-4)
+    # The disk margin is 1 / max |S - 1/2|.
+    inverse = 1 / loops.disk_margin(loop(k, lag))
+    assert exact - 0.501 < inverse < exact + 0.501
+
+
+@pytest.mark.parametrize("zeta", [0.05, 0.002, 0.0005, 1e-5])
+def test_the_peak_of_a_weakly_damped_mode_is_found(zeta):
+    system = control.tf([0.5], [1, 1]) - control.tf([1.8 * zeta * 2500], [1, 100 * zeta, 2500])
+    omega = 50 * (1 + zeta * np.linspace(-5, 5, 100001))
+    response = system(1j * omega)
+    exact = 1 / np.min(np.abs(1 + response))
+    assert exact > 1.4
+    assert loops.max_sensitivity(system) == pytest.approx(exact, rel=1e-5)
+    exact = 2 * np.min(np.abs((1 + response) / (1 - response)))
+    assert loops.disk_margin(system) == pytest.approx(exact, rel=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_gain_may_grow_by_its_margin_and_no_further_whether_the_plant_is_stable_or_not(seed):
+    rng = np.random.default_rng(seed)
+    den = np.poly(np.append(-rng.uniform(0.1, 20.0, 3), rng.choice([-1.0, 1.0])))
+    num = 10 ** rng.uniform(1.0, 3.5) * np.poly(-rng.uniform(0.1, 3.0, 1))
+
+    def is_stable(factor):
+        return np.roots(np.polyadd(den, factor * num)).real.max() < 0
+
+    margin = loops.gain_margin(control.tf(num, den))
+    if not is_stable(1.0):
+        assert margin == 0.0
+        return
+    assert margin > 1.0
+    held = [1.0 + part * (min(margin, 1e6) - 1.0) for part in (0.01, 0.1, 0.5, 0.99, 0.9999)]
+    assert all(is_stable(factor) for factor in held)
+    assert margin == math.inf or not is_stable(1.0001 * margin)
+
+
+def test_a_gain_that_only_must_not_fall_has_an_infinite_margin():
+    assert loops.gain_margin(control.tf([10], [1, -1])) == math.inf
+    assert loops.gain_margin(control.tf([-0.5], [1, 1])) == pytest.approx(2.0)  # unstable at rest
+
+
+@pytest.mark.parametrize(("kp", "ki", "delay"), [(0.12, 0.053, 19), (0.155, 0.075, 9), (2, 1, 1)])
+def test_the_margins_of_a_discrete_loop_are_those_of_its_response(kp, ki, delay):
+    ts = 0.04
+    a, b = math.exp(-ts / 0.4), 1 - math.exp(-ts / 0.4)
+    system = (
+        control.tf([b], [1, -a], ts)
+        * control.tf([kp, ki * ts - kp], [1, -1], ts)
+        * control.tf([1], [1] + [0] * delay, ts)
+    )
+    z = np.exp(1j * np.logspace(-6, math.log10(math.pi), 400001))
+    response = b / (z - a) * (kp + ki * ts / (z - 1)) * z**-delay
+    above = np.abs(response) > 1
+    phase = np.degrees(np.abs(np.angle(-response[:-1][above[:-1] != above[1:]]))).min()
+    assert loops.phase_margin(system) == pytest.approx(phase, abs=0.02)
+    real = response.real[:-1][np.diff(np.sign(response.imag)) != 0]
+    assert loops.gain_margin(system) == pytest.approx((-1 / real[real < 0]).min(), rel=1e-3)
+
+
+@pytest.mark.parametrize("gain", [1e-6, 0.1, 0.6])
+def test_the_bandwidth_of_a_discrete_integrator_in_a_loop_is_the_closed_form(gain):
+    # |T| = gain / |z - 1 + gain| is 1 / sqrt(2).
+    cosine = (1 + (1 - gain) ** 2 - 2 * gain**2) / (2 * (1 - gain))
+    found = loops.bandwidth(control.tf([gain], [1, -1], 0.1))
+    assert found == pytest.approx(math.acos(cosine) / 0.1, rel=1e-4)
+
+
+@pytest.mark.parametrize("gain", [1e-8, 1.0, 1e8])
+def test_the_bandwidth_of_an_integrator_scales_with_its_gain(gain):
+    assert loops.bandwidth(loop(gain)) == pytest.approx(gain, rel=1e-6)
+
+
+FIGURES = (
+    loops.gain_margin, loops.phase_margin, loops.disk_margin, loops.max_sensitivity,
+    loops.bandwidth,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("figure", FIGURES)
+def test_a_state_space_model_has_the_figures_of_its_transfer_function(figure):
+    system = loop(1.3, 1.0, 0.5) * control.tf([1, 2], [1, 3])
+    assert figure(control.ss(system)) == pytest.approx(figure(system), rel=1e-6)
+    sampled = control.sample_system(system, 0.05)
+    assert figure(control.ss(sampled)) == pytest.approx(figure(sampled), rel=1e-6)
+
+
+def test_a_loop_at_its_limit_has_no_gain_to_spare():
+    # k / (s + 1)^3 is at its limit for k = 8; rounding decides whether it is stable.
+    for k in (8.0, 8.0 - 1e-12, 8.0 + 1e-12):
+        found = loops.gain_margin(control.tf([k], [1, 3, 3, 1]))
+        assert found == 0.0 or found == pytest.approx(1.0)
+
+
+def test_a_loop_that_is_a_number_has_no_limit_of_phase_and_of_its_disk():
+    static = control.tf([1.0], [1.0])
+    assert (loops.gain_margin(static), loops.phase_margin(static)) == (math.inf, math.inf)
+    assert loops.disk_margin(static) == math.inf
+    assert loops.max_sensitivity(static) == pytest.approx(0.5)

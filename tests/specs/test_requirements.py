@@ -170,6 +170,14 @@ def test_the_later_an_episode_ends_the_less_it_breaks_and_always_more_than_any_e
     [
         (lambda: specs.overshoot(max=5), "max=5 is 500% of the step; write 5% as max=0.05"),
         (lambda: specs.settling_time("y", "r", 2.0), "band=2.0, expected a fraction of the step"),
+        (
+            lambda: specs.rise_time(low=10, high=90),
+            "low=10, high=90, expected fractions of the step",
+        ),
+        (lambda: specs.rise_time(low=0.9, high=0.1), "low=0.9, high=0.1, .* 0 <= low < high <= 1"),
+        (lambda: specs.steady_state_error(last=5), "last=5, expected a part of the episode"),
+        (lambda: specs.steady_state_error(last=-0.1), "last=-0.1, .* above 0 and up to 1"),
+        (lambda: specs.steady_state_error(last="0.1"), "last='0.1', expected a part"),
         (lambda: specs.phase_margin(45), r"phase_margin\(45\): a limit has a name"),
     ],
 )
@@ -182,3 +190,35 @@ def test_signals_that_are_not_named_are_y_r_and_u():
     assert specs.overshoot(max=0.05) == specs.overshoot("y", "r", max=0.05)
     assert specs.peak().signals == ("y",)
     assert specs.total_variation().signals == ("u",)
+
+
+@pytest.mark.parametrize("most", [1.0, 5.0, 20.0, 1e4])
+@pytest.mark.parametrize("make", [specs.settling_time, specs.rise_time])
+def test_an_infinite_time_breaks_any_limit_and_the_nearer_response_breaks_it_by_less(make, most):
+    spec = make("y", "r", max=most)
+    found = []
+    for end in (0.89, 0.8, 0.3):
+        response = episode(end * (1.0 - np.exp(-3 * T)))
+        value = spec.of_episode(response)
+        assert value == math.inf
+        assert not spec.met(value)
+        found.append(spec.violation_of(response, value))
+    assert 1.0 < found[0] < found[1] < found[2] < 2.0
+
+
+def test_a_response_that_never_rises_keeps_a_lower_limit():
+    spec = specs.rise_time("y", "r", min=20.0)
+    response = episode(0.5 * (1.0 - np.exp(-3 * T)))
+    assert spec.met(spec.of_episode(response))
+    assert spec.violation_of(response, math.inf) == 0.0
+
+
+def test_a_loop_that_cannot_be_made_or_judged_is_told_with_its_spec():
+    control = pytest.importorskip("control")
+    continuous, discrete = control.tf([1], [1, 1]), control.tf([1], [1, -0.5], 0.1)
+    mixed = specs.gain_margin(lambda p: p["k"] * continuous * discrete, min=2.0)
+    with pytest.raises(ConfigError, match=r"gain_margin: loop\(\{'k': 2\.0\}\) raised ValueError"):
+        mixed.of_parameters({"k": 2.0})
+    measured = specs.phase_margin(lambda p: control.frd([1, 2, 3], [1, 2, 3]), min=30.0)
+    with pytest.raises(ConfigError, match="expected a transfer function or a state-space model"):
+        measured.of_parameters({"k": 2.0})

@@ -97,3 +97,29 @@ def test_a_sample_that_is_not_finite_breaks_every_limit(bad):
     t = np.arange(11.0)
     assert {figure(t, y, 1.0) for figure in REFERENCED} == {math.inf}
     assert {figure(t, y) for figure in ALONE} == {math.inf}
+
+
+@pytest.mark.parametrize("start", [0.0, 20.0, -3.0])
+@pytest.mark.parametrize("side", [-0.02, 0.02])
+def test_a_response_on_the_edge_of_the_band_has_settled_and_one_beyond_has_not(start, side):
+    t = np.arange(0.0, 1.0, 0.01)
+    edge, beyond = (np.where(t < 0.5, start, start + 1.0 + by) for by in (side, 1.001 * side))
+    assert of.settling_time(t, edge, start + 1.0) == pytest.approx(0.5)
+    assert of.settling_time(t, beyond, start + 1.0) == math.inf
+
+
+def test_means_weigh_time_whatever_the_spacing_of_the_samples():
+    t = np.concatenate([np.linspace(0.0, 1.0, 2001)[:-1], np.linspace(1.0, 4.0, 601)])
+    t = np.sort(np.append(t, np.linspace(3.6, 3.7, 3000)))
+    y = np.exp(-t)
+    assert of.rms(t, y) == pytest.approx(math.sqrt((1 - math.exp(-8.0)) / 8.0), rel=2e-3)
+    exact = (math.exp(-3.6) - math.exp(-4.0)) / 0.4
+    assert of.steady_state_error(t, y, 0.0) == pytest.approx(exact, rel=2e-3)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 100, 250, 2001])
+def test_means_of_evenly_spaced_samples_are_those_of_the_samples(count):
+    t, y = 0.02 * np.arange(count), np.random.default_rng(count).normal(size=count)
+    assert of.rms(t, y) == np.sqrt(np.mean(y**2))
+    part = max(1, round(0.1 * count))
+    assert of.steady_state_error(t, y, 0.5) == np.mean(np.abs(0.5 - y)[-part:])

@@ -11,9 +11,11 @@ import numpy as np
 
 from zoac.controllers.pid import PID
 from zoac.envs.linear_loop import SampledPlant
+from zoac.specs.loops import beside
 
 POINTS = 2000
-"""Frequencies at which a loop is looked at, logarithmic up to the Nyquist frequency."""
+"""Frequencies at which a loop is looked at, logarithmic up to the Nyquist frequency; beside weakly
+damped poles of the plant there are more."""
 
 DECADES = 6
 """Below the Nyquist frequency."""
@@ -59,7 +61,9 @@ class SampledLoop:
         """
         self.plant, self.sample_time = plant, sample_time
         nyquist = math.pi / sample_time
-        self.omega = np.logspace(math.log10(nyquist) - DECADES, math.log10(nyquist), POINTS)
+        omega = np.logspace(math.log10(nyquist) - DECADES, math.log10(nyquist), POINTS)
+        poles = np.linalg.eigvals(plant.a).astype(complex)
+        self.omega = beside(np.log(poles[np.abs(poles) > 1e-9]) / sample_time, omega)
         self._z = np.exp(1j * self.omega * sample_time)
         self._plant = plant.response(self._z)
 

@@ -63,14 +63,32 @@ def settling_time(y: str = "y", r: str = "r", band: float = 0.02, **limits: Any)
 def rise_time(
     y: str = "y", r: str = "r", low: float = 0.1, high: float = 0.9, **limits: Any
 ) -> Spec:
-    """Require the time [s] that `y` takes from `low` to `high` of the step."""
+    """Require the time [s] that `y` takes from `low` to `high` of the step.
+
+    Raises:
+        ConfigError: If these are no fractions of the step, the lower one first.
+    """
+    if not (is_number(low) and is_number(high) and 0 <= low < high <= 1):
+        raise ConfigError(
+            f"rise_time: low={low!r}, high={high!r}, expected fractions of the step, "
+            "0 <= low < high <= 1, such as low=0.1, high=0.9"
+        )
     options = {"low": low, "high": high}
     return _of("rise_time", y, r, limits=limits, options=options, unit="s", timed=True,
                beyond=step_info.never_rose)  # fmt: skip
 
 
 def steady_state_error(y: str = "y", r: str = "r", last: float = 0.1, **limits: Any) -> Spec:
-    """Require the mean absolute error over the last part `last` of the episode."""
+    """Require the mean absolute error over the last part `last` of the episode.
+
+    Raises:
+        ConfigError: If that is no part of the episode.
+    """
+    if not (is_number(last) and 0 < last <= 1):
+        raise ConfigError(
+            f"steady_state_error: last={last!r}, expected a part of the episode, above 0 and up to "
+            "1, such as 0.1"
+        )
     return _of("steady_state_error", y, r, limits=limits, options={"last": last})
 
 
@@ -95,7 +113,7 @@ def itae(y: str = "y", r: str = "r", **limits: Any) -> Spec:
 
 
 def rms(y: str = "y", **limits: Any) -> Spec:
-    """Require the root of the mean square of `y`."""
+    """Require the root of the mean square of `y` over time."""
     return _of("rms", y, limits=limits)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from zoac.core.errors import ConfigError
+from zoac.core.errors import ConfigError, ZoacError
 from zoac.core.types import is_number
 from zoac.specs.signals import Episode
 
@@ -53,8 +53,9 @@ class Spec:
         loop: Function of the parameters that returns the open loop, for figures of a loop.
         unit: For people to read.
         timed: Whether the figure needs seconds.
-        beyond: Function like `figure` that takes its place in the excess where the figure is
-            infinite, so that of two responses that never settle the nearer one is better.
+        beyond: Function like `figure`, used where the figure is an infinite time. It returns by
+            what factor, above 1, that time counts as later than both the last sample and `max`, so
+            that of two responses that never settle the nearer one is better.
 
     Raises:
         ConfigError: If a limit is not finite, or an argument cannot be used.
@@ -164,10 +165,15 @@ class Spec:
             return 3.0 - episode.ended
         if not self.hard:
             return 0.0 if math.isfinite(value) else _graded(NEVER)
-        if self.beyond is not None and math.isinf(value):
-            graded = self._over_loops(self.beyond, episode)
-            value = graded if math.isfinite(graded) else value
+        if self.beyond is not None and self.max is not None and value == math.inf:
+            value = self._finite_beyond(self.beyond, self.max, episode)
         return _graded(self.excess(value))
+
+    def _finite_beyond(self, beyond: Callable[..., float], most: float, episode: Episode) -> float:
+        """Return the time [s] above the limit `most` that stands for an infinite one."""
+        time = episode.within(self.window).time
+        value = max(float(time[-1] - time[0]), most) * self._over_loops(beyond, episode)
+        return max(math.nextafter(most, math.inf), value)  # a factor may round to 1
 
     def of_loops(self, episode: Episode, figure: Callable[..., float] | None = None) -> list[float]:
         """Return the figure of each of the loops side by side; of one loop a single number.
@@ -196,13 +202,8 @@ class Spec:
         Raises:
             ConfigError: If the loop cannot be made, or is none of a single input and output.
         """
-        assert self.loop is not None  # see `zoac.specs.judge.check`
         try:
-            return self._number(self.figure(self.loop(parameters), **self.options))
-        except KeyError as error:
-            raise ConfigError(
-                f"{self}: loop(parameters) asked for {error}; known: {', '.join(parameters)}"
-            ) from error
+            return self._number(self.figure(self._made(parameters), **self.options))
         except ModuleNotFoundError as error:
             if error.name != "control":
                 raise
@@ -210,6 +211,22 @@ class Spec:
                 f"{self}: figures of a loop need python-control, which is not installed: "
                 "pip install 'zoac[control]'"
             ) from None
+
+    def _made(self, parameters: Mapping[str, Any]) -> Any:
+        """Return the loop with these parameters."""
+        assert self.loop is not None  # see `zoac.specs.judge.check`
+        try:
+            return self.loop(parameters)
+        except (ZoacError, ModuleNotFoundError):
+            raise
+        except KeyError as error:
+            raise ConfigError(
+                f"{self}: loop(parameters) asked for {error}; known: {', '.join(parameters)}"
+            ) from error
+        except Exception as error:  # whatever a user's function raises
+            raise ConfigError(
+                f"{self}: loop({dict(parameters)}) raised {type(error).__name__}: {error}"
+            ) from error
 
     def _number(self, value: float) -> float:
         return self.worst if math.isnan(value) else float(value)

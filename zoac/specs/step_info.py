@@ -33,7 +33,9 @@ def settling_time(t: np.ndarray, y: np.ndarray, r: Samples, band: float = 0.02) 
     if not _finite(y, r):
         return np.inf
     step = _last(r) - y[0]
-    outside = np.flatnonzero(np.abs(y - _last(r)) > band * (abs(step) or 1.0))
+    # A sample that rounding puts just outside is inside.
+    width = (1.0 + 1e-9) * band * (abs(step) or 1.0)
+    outside = np.flatnonzero(np.abs(y - _last(r)) > width)
     if not len(outside):
         return 0.0
     after = outside[-1] + 1
@@ -58,33 +60,36 @@ def rise_time(
 
 
 def never_settled(t: np.ndarray, y: np.ndarray, r: Samples, band: float = 0.02) -> float:
-    """Return a time [s] beyond the last sample for a response that has not settled there.
+    """Return by what factor a response that never settles counts as later than its last sample.
 
-    It grows with the error over the last tenth of the samples, in bands: of two responses that
+    It grows with the error over the last tenth of the time, in bands: of two responses that
     never settle, the one that is farther off counts as the later one.
     """
     width = band * (abs(_last(r) - y[0]) or 1.0)
     off = steady_state_error(t, y, _last(r)) / width if width else np.inf
-    return float(t[-1] - t[0]) * (1.0 + off)
+    return 1.0 + off
 
 
 def never_rose(
     t: np.ndarray, y: np.ndarray, r: Samples, low: float = 0.1, high: float = 0.9
 ) -> float:
-    """Return a time [s] beyond the last sample for a response that has not risen there.
+    """Return by what factor a response that never rises counts as later than its last sample.
 
     It grows with what is missing of the step.
     """
     step = _last(r) - y[0]
-    return float(t[-1] - t[0]) * (1.0 + high - float(np.max((y - y[0]) / step)))
+    return 1.0 + high - float(np.max((y - y[0]) / step))
 
 
 def steady_state_error(t: np.ndarray, y: np.ndarray, r: Samples, last: float = 0.1) -> float:
-    """Return the mean absolute error over the last part `last` of the samples."""
+    """Return the mean absolute error over the last part `last` of the time."""
     if not _finite(y, r):
         return np.inf
-    count = max(1, round(last * len(y)))
-    return float(np.mean(np.abs(_error(y, r)[-count:])))
+    if _is_even(t):
+        count = max(1, round(last * len(y)))
+    else:
+        count = int(np.sum(t >= t[-1] - last * (t[-1] - t[0])))
+    return _mean(t[-count:], np.abs(_error(y, r)[-count:]))
 
 
 def peak(t: np.ndarray, y: np.ndarray) -> float:
@@ -108,8 +113,8 @@ def itae(t: np.ndarray, y: np.ndarray, r: Samples) -> float:
 
 
 def rms(t: np.ndarray, y: np.ndarray) -> float:
-    """Return the root of the mean square of `y`."""
-    return float(np.sqrt(np.mean(np.square(y)))) if _finite(y) else np.inf
+    """Return the root of the mean square of `y` over time."""
+    return float(np.sqrt(_mean(t, np.square(y)))) if _finite(y) else np.inf
 
 
 def total_variation(t: np.ndarray, y: np.ndarray) -> float:
@@ -135,6 +140,17 @@ def _last(r: Samples) -> float:
 def _integral(t: np.ndarray, values: np.ndarray) -> float:
     """Return the integral by the trapezoidal rule; infinity where a value is not finite."""
     return float(np.trapezoid(values, t)) if np.isfinite(values).all() else np.inf
+
+
+def _mean(t: np.ndarray, values: np.ndarray) -> float:
+    """Return the mean over time; each sample stands for half the way to its neighbours."""
+    return float(np.mean(values) if _is_even(t) else np.average(values, weights=np.gradient(t)))
+
+
+def _is_even(t: np.ndarray) -> bool:
+    """Tell whether samples are evenly spaced, but for the rounding of a written clock."""
+    steps = np.diff(t)
+    return len(steps) < 2 or bool(np.ptp(steps) <= 0.01 * steps.mean())
 
 
 def _finite(*samples: Samples) -> bool:
