@@ -161,6 +161,8 @@ def test_a_result_counts_once_and_another_is_refused(tmp_path):
         ({"cost": {"metrics": {}}}, "no 'cost'; it has metrics"),
         ({"cost": 1.0, "metrics": {"a": None}}, "metrics: 'a' is None"),
         ({"cost": 1.0, "metrics": 3}, "metrics: expected numbers by name, got 3"),
+        ({"cost": 1.0, "metrics": {"cost_mean": 7.0}}, "metric 'cost_mean': .* such as 'my_cost"),
+        ({"cost": {"cost": 1.0, "metrics": {"best_trial": 7}}}, "metric 'best_trial': results"),
     ],
 )
 def test_a_result_that_cannot_be_used_leaves_the_trial_pending(given, says):

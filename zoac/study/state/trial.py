@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from zoac.core.errors import ConfigError, suggest
+from zoac.core.measures import refuse_reserved
 from zoac.core.types import is_number
 from zoac.runs.schema import plain
 from zoac.specs.spec import Spec
@@ -85,8 +86,8 @@ def measured(
         specs: Of the study, which judge the trace.
 
     Raises:
-        ConfigError: If the answer is neither, the cost is not finite, a constraint with a limit
-            was not measured, or the trace cannot be judged.
+        ConfigError: If the answer is neither, the cost is not finite, a metric has a name that
+            results use, a constraint with a limit was not measured, or the trace cannot be judged.
     """
     excess, of_specs = 0.0, dict[str, float]()
     if trace is not None:
@@ -102,6 +103,8 @@ def measured(
     if not math.isfinite(cost):
         raise ConfigError(f"the cost is {cost}, expected a finite number")
     numbers = _numbers(answer.get("metrics"), "metrics") | _numbers(metrics, "metrics")
+    for name in numbers:
+        refuse_reserved(name)
     values = _numbers(answer.get("constraints"), "constraints")
     values |= _numbers(constraints, "constraints")
     missing = [name for name in limits if name not in values]
