@@ -72,6 +72,7 @@ def test_tuning_by_traces_keeps_the_overshoot():
         (response(0.5).drop(columns="time"), {}, "no column 'time'"),
         (response(0.5).rename(columns={"y": "Y"}), {}, "no column 'y'; did you mean 'Y'|no column"),
         (response(0.5).iloc[::-1], {}, "does not increase"),
+        (pd.concat([response(0.5), response(0.9)[["y"]]], axis=1), {}, "several columns 'y'"),
         (response(0.5).assign(y="a"), {}, "'y' holds what is no number"),
         (response(0.5).assign(y=np.nan), {}, "'y' holds what is not finite"),
         (response(0.5), {"cost": 1.0}, "give none beside the trace"),
@@ -119,3 +120,42 @@ def test_the_command_line_takes_specs_and_traces(tmp_path, capsys):
     assert command(["create", rig + "2", "--space", str(tmp_path / "space.yaml"), "--specs",
                     str(tmp_path / "specs.yaml")]) == 1  # fmt: skip
     assert "did you mean 'overshoot'" in capsys.readouterr().err
+
+
+@pytest.fixture
+def tell_file(tmp_path, capsys):
+    """Return a function that tells the next trial a CSV file; it returns cost and errors."""
+    made = study(tmp_path / "rig", specs=[SOFT], tuner="random", workers=12)
+
+    def told(text):
+        (tmp_path / "trace.csv").write_text(text, encoding="utf-8")
+        number = str(made.ask().number)
+        command(["tell", str(made.folder), number, "--trace", str(tmp_path / "trace.csv")])
+        printed = capsys.readouterr()
+        return (json.loads(printed.out)["cost"] if printed.out else None), printed.err
+
+    return told
+
+
+def test_a_comma_at_the_end_of_each_row_shifts_no_column(tell_file):
+    text = response(0.5).to_csv(index=False)
+    header, *rows = text.splitlines()
+    plain = tell_file(text)
+    assert plain[0] > 0
+    assert tell_file("\n".join([header, *(f"{row}," for row in rows)])) == plain
+    assert tell_file("\n".join(["\ufeff" + header + ",", *(f"{row}," for row in rows)])) == plain
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("time,y,r\n0,1,1,9\n1,1,1,9\n", "line 2 has 4 values, and the first line names 3 col"),
+        ("time,y,r\n0,1,1\n1,1,1,9\n", "line 3 has 4 values, and the first line names 3 col"),
+        ("time,y,r,y\n0,1,1,2\n1,1,1,2\n", "several columns are called 'y'"),
+        ("", "cannot be read as a table"),
+    ],
+)
+def test_a_file_whose_values_belong_to_no_column_is_refused(text, says, tell_file):
+    cost, said = tell_file(text)
+    assert cost is None
+    assert says in said

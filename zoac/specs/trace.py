@@ -30,13 +30,15 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
         signals: Names of the columns that are needed.
 
     Raises:
-        ConfigError: If one is missing or holds what is no finite number, or the time does not
-            increase.
+        ConfigError: If one is missing or there twice, if it holds what is no finite number, or if
+            the time does not increase.
     """
     values = {}
     for name in (TIME, *signals):
         if name not in trace.columns:
             raise ConfigError(f"the trace has no column {name!r}; {suggest(name, trace.columns)}")
+        if trace[name].ndim > 1:
+            raise ConfigError(f"the trace has several columns {name!r}; expected one")
         try:
             values[name] = trace[name].to_numpy(np.float64)
         except (TypeError, ValueError):
