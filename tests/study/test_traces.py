@@ -9,6 +9,7 @@ import pytest
 import zoac
 from zoac import specs
 from zoac.core.errors import ConfigError
+from zoac.specs.trace import judged
 from zoac.study.commands import command
 from zoac.study.study import Study
 
@@ -73,6 +74,9 @@ def test_tuning_by_traces_keeps_the_overshoot():
         (response(0.5).rename(columns={"y": "Y"}), {}, "no column 'y'; did you mean 'Y'|no column"),
         (response(0.5).iloc[::-1], {}, "does not increase"),
         (pd.concat([response(0.5), response(0.9)[["y"]]], axis=1), {}, "several columns 'y'"),
+        (response(0.5).assign(y=pd.Timedelta(1)), {}, "'y' holds what is no number"),
+        (response(0.5).assign(y=pd.Timestamp(0, tz="UTC")), {}, "'y' holds what is no number"),
+        (response(0.5).assign(time=pd.NaT), {}, "'time' holds what is not finite"),
         (response(0.5).assign(y="a"), {}, "'y' holds what is no number"),
         (response(0.5).assign(y=np.nan), {}, "'y' holds what is not finite"),
         (response(0.5), {"cost": 1.0}, "give none beside the trace"),
@@ -120,6 +124,17 @@ def test_the_command_line_takes_specs_and_traces(tmp_path, capsys):
     assert command(["create", rig + "2", "--space", str(tmp_path / "space.yaml"), "--specs",
                     str(tmp_path / "specs.yaml")]) == 1  # fmt: skip
     assert "did you mean 'overshoot'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("unit", ["ns", "ms"])
+@pytest.mark.parametrize("zone", [None, "Europe/Berlin"])
+def test_a_clock_of_dates_or_durations_is_read_in_seconds(unit, zone):
+    trace = response(0.5)
+    passed = pd.to_timedelta(trace["time"], unit="s").dt.as_unit(unit)
+    dates = pd.Timestamp("2026-03-29 01:59:59", tz=zone).as_unit(unit) + passed
+    cost = judged([SOFT], trace, None)[0]
+    assert judged([SOFT], trace.assign(time=passed), None)[0] == pytest.approx(cost, rel=1e-9)
+    assert judged([SOFT], trace.assign(time=dates), None)[0] == pytest.approx(cost, rel=1e-9)
 
 
 @pytest.fixture
