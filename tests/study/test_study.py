@@ -184,6 +184,17 @@ def test_less_violation_goes_before_less_cost():
         made.tell(made.ask(), 1.0)
 
 
+def test_of_numbers_without_bound_minus_infinity_alone_keeps_a_limit(tmp_path):
+    made = study(tmp_path, tuner="random", constraints={"gain": 0.0})
+    for gain in ("-inf", "inf", "nan"):
+        made.tell(made.ask(), 1.0, constraints={"gain": float(gain)}, metrics={"m": float(gain)})
+    for one in (made, Study(folder=tmp_path)):
+        assert [trial.violation for trial in one.trials] == [0.0, 2.0, 2.0]
+        assert list(map(str, one.history["gain"])) == ["-inf", "inf", "nan"]
+        assert list(map(str, one.history["m"])) == ["-inf", "inf", "nan"]
+    pd.read_json(tmp_path / JOURNAL, lines=True)
+
+
 def test_violations_teach_the_tuner(tmp_path):
     def run(limit):
         made = study(tmp_path / str(limit), constraints={"kp": limit}, experiments=60)

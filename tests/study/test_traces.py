@@ -50,13 +50,15 @@ def test_specs_with_a_limit_rank_and_the_others_are_the_cost(tmp_path):
     assert len(made.trials) == 2
 
 
-def test_a_value_that_does_not_exist_is_no_number_in_the_journal(tmp_path):
+def test_a_value_without_bound_is_infinite_for_who_opens_the_study_again(tmp_path):
     never = specs.settling_time("y", "r", max=1.0)
     made = study(tmp_path, specs=[never])
     trial = made.tell(made.ask(), 3.0, trace=response(0.02, wn=2.0))
     assert trial.violation > 1.0
     assert trial.cost == 3.0
-    assert np.isnan(trial.specs[never.label])  # infinite, which JSON cannot say
+    for one in (made, Study(folder=tmp_path)):
+        assert one.trial(1).specs == {never.label: np.inf}
+        assert one.history[never.label].tolist() == [np.inf]
 
 
 def test_tuning_by_traces_keeps_the_overshoot():

@@ -112,9 +112,15 @@ def measured(
         raise ConfigError(
             f"the answer does not say the constraint(s) {', '.join(missing)}, which have a limit"
         )
-    more = {"excess": excess, "metrics": numbers, "constraints": values, "specs": of_specs}
+    named = {"metrics": numbers, "constraints": values, "specs": of_specs}
+    more = {"excess": excess, **{kind: _storable(given) for kind, given in named.items()}}
     row: dict[str, Any] = plain({"cost": cost, **{k: v for k, v in more.items() if v}})
     return row
+
+
+def _storable(numbers: Mapping[str, float]) -> dict[str, float | str]:
+    """Return numbers by name, as text such as "-inf" where JSON has no such number."""
+    return {name: v if math.isfinite(v) else str(v) for name, v in numbers.items()}
 
 
 def _numbers(given: Any, kind: str) -> dict[str, float]:
@@ -137,7 +143,8 @@ def violation(constraints: Mapping[str, float], limits: Mapping[str, float]) -> 
     """Return by how much measured values exceed their limits, as `zoac.rollout.constraints` does.
 
     Each exceeded constraint counts 1 + v / (1 + v), v being the excess relative to the limit. A
-    constraint without a limit has the limit 0, and an excess of 1 then counts as v = 1.
+    constraint without a limit has the limit 0, and an excess of 1 then counts as v = 1. NaN exceeds
+    every limit without bound; minus infinity exceeds none.
 
     Args:
         constraints: Measured values by name.
@@ -147,7 +154,7 @@ def violation(constraints: Mapping[str, float], limits: Mapping[str, float]) -> 
     for name, value in constraints.items():
         limit = limits.get(name, 0.0)
         excess = (value - limit) / (abs(limit) or 1.0)
-        if not math.isfinite(excess):
+        if math.isnan(excess) or excess == math.inf:
             total += 2.0
         elif excess > 0:
             total += 1.0 + excess / (1.0 + excess)
@@ -157,7 +164,7 @@ def violation(constraints: Mapping[str, float], limits: Mapping[str, float]) -> 
 def ended(trial: Trial, row: Mapping[str, Any], limits: Mapping[str, float]) -> Trial:
     """Return a trial with the result in a row of the journal."""
     numbers: dict[str, Any] = {
-        kind: {name: math.nan if v is None else v for name, v in row.get(kind, {}).items()}
+        kind: {name: math.nan if v is None else float(v) for name, v in row.get(kind, {}).items()}
         for kind in ("metrics", "constraints", "specs")
     }
     return replace(
