@@ -8,7 +8,7 @@ import pytest
 
 import zoac
 from zoac import specs
-from zoac.core.errors import ConfigError
+from zoac.core.errors import ConfigError, StudyError
 from zoac.specs.trace import judged
 from zoac.study.commands import command
 from zoac.study.study import Study
@@ -59,6 +59,15 @@ def test_a_value_without_bound_is_infinite_for_who_opens_the_study_again(tmp_pat
     for one in (made, Study(folder=tmp_path)):
         assert one.trial(1).specs == {never.label: np.inf}
         assert one.history[never.label].tolist() == [np.inf]
+
+
+def test_another_trace_of_the_same_cost_is_another_result():
+    made = study(specs=[HARD])
+    told = made.tell(made.ask(), 1.0, trace=response(0.2))
+    assert made.tell(1, 1.0, trace=response(0.2)) == told
+    for other in ({"trace": response(0.8)}, {}):
+        with pytest.raises(StudyError, match="trial 1 has a result already"):
+            made.tell(1, 1.0, **other)
 
 
 def test_tuning_by_traces_keeps_the_overshoot():
