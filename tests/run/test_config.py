@@ -13,7 +13,7 @@ from zoac.config.compose import (
     resolved,
     variant_of,
 )
-from zoac.config.override_text import with_whole_steps
+from zoac.config.schema import with_whole_steps
 from zoac.core.errors import ConfigError
 
 CONF = Path(__file__).parents[2] / "conf"

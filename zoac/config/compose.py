@@ -8,7 +8,6 @@ import re
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
 from typing import Any
 
 from hydra import compose, initialize_config_module
@@ -23,8 +22,14 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from zoac.config.files import CONFIG_MODULE, choices, own_conf
-from zoac.config.override_text import why_unreadable, with_whole_steps
-from zoac.config.schema import NOT_OF_THE_RUN, EvaluationSchema, RunSchema, check_keys
+from zoac.config.schema import (
+    NOT_OF_THE_RUN,
+    EvaluationSchema,
+    RunSchema,
+    check_keys,
+    why_unreadable,
+    with_whole_steps,
+)
 from zoac.config.settings import WITHOUT_EFFECT
 from zoac.core.errors import ConfigError, option_names, suggest
 
@@ -92,22 +97,6 @@ def _hydra() -> Iterator[GlobalHydra]:
 
 
 _ONE_AT_A_TIME = threading.RLock()  # Hydra is one object per process
-
-
-def refuse_flags(arguments: Sequence[str]) -> None:
-    """Refuse `--budget 3000` and `--budget=3000`, which Hydra would answer with its usage.
-
-    Raises:
-        ConfigError: If a key is written as a flag.
-    """
-    known = {*GROUPS, *(field.name for field in fields(RunSchema))}
-    for flag, after in zip(arguments, [*arguments[1:], ""], strict=True):
-        key, equals, value = flag.removeprefix("--").partition("=")
-        if not flag.startswith("--") or key.partition(".")[0] not in known:
-            continue
-        if not equals and "=" not in after and not after.startswith("-"):
-            value, flag = after, f"{flag} {after}".rstrip()
-        raise ConfigError(f"{flag}: expected key=value; did you mean {key}={value or '<value>'}?")
 
 
 def check_overrides(overrides: Sequence[str]) -> None:

@@ -22,11 +22,10 @@ from zoac.config.compose import (
     check_overrides,
     explain,
     know_own_conf,
-    refuse_flags,
     resolved,
     variant_of,
 )
-from zoac.config.override_text import with_whole_steps
+from zoac.config.schema import refuse_flags, with_whole_steps
 from zoac.core.errors import ConfigError, ZoacError
 from zoac.run import sweep_report
 from zoac.run.help import usage
