@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from zoac.core.errors import RunFolderError, suggest
+from zoac.study.state.journal import Journal
 
 REGULARISED = "_reg"
 """End of the name of a task whose tuner sees a regularised cost."""
@@ -213,7 +214,13 @@ def _variant(run: Run) -> str:
 
 
 def unfinished(run: Run) -> str:
-    """Say how far an unfinished run got."""
+    """Say how far an unfinished run or study got."""
+    if "study" in run.identity:
+        try:
+            ended = sum(row["kind"] != "asked" for row in Journal(run.folder).news())
+        except RunFolderError as error:
+            return str(error)
+        return f"unfinished, {ended} of {run.config['budget']} experiments; relaunch resumes it"
     steps = max((int(row["env_steps"]) for row in run.metrics), default=0)
     return f"unfinished, {steps} of {run.config['budget']} environment steps; relaunch resumes it"
 

@@ -12,8 +12,8 @@ from zoac.config.compose import (
     explain,
     resolved,
     variant_of,
-    with_whole_steps,
 )
+from zoac.config.schema import with_whole_steps
 from zoac.core.errors import ConfigError
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -222,3 +222,34 @@ def test_a_method_is_a_task_and_a_tuner(name):
 def test_a_former_name_is_refused_with_the_present_one(overrides, now):
     with pytest.raises(ConfigError, match=f"it is now called '{now}'"):
         compose_config(overrides)
+
+
+@pytest.mark.parametrize(
+    ("override", "says"),
+    [
+        ("runs_dir=mes résultats", "'é' needs quotes; write \"runs_dir='mes résultats'\""),
+        ("variant={a:ö}", "a value with 'ö' needs quotes"),
+        ("variant=[a,'b]", "a quote is not closed"),
+        ("budget 3000", "expected key=value; did you mean budget=3000?"),
+        ("3000", "cannot read the override '3000': expected key=value"),
+    ],
+)
+def test_what_hydra_cannot_read_is_told_by_its_cause(override, says):
+    with pytest.raises(ConfigError) as refused:
+        compose_config([override])
+    assert says in str(refused.value)
+    assert ("quote is not closed" in str(refused.value)) == ("not closed" in says)
+
+
+@pytest.mark.parametrize(
+    ("override", "says"),
+    [
+        ("search.ranges={num_envs:{low:2,high:3}}", "is added: +search.ranges.num_envs=..."),
+        ("search.ranges.tuner.exploration.sigma.lov=1", "did you mean 'search.ranges.tuner.expl"),
+        ("search.trails=3", "did you mean 'search.trials'"),
+    ],
+)
+def test_a_mistyped_key_of_a_search_is_measured_against_its_file(override, says):
+    with pytest.raises(ConfigError, match="unknown key") as refused:
+        compose_config(["+search=zoac", override])
+    assert says in str(refused.value)

@@ -94,13 +94,16 @@ def test_a_program_carries_the_study_out(rig, capsys):
 
 
 def test_a_person_is_asked_for_the_cost(rig, monkeypatch, capsys):
-    typed = iter(["repeat", "baseline", "much", "nan", "3.4", "failed motor tripped", "", "stop"])
+    typed = iter(
+        ["repeat", "baseline", "much", "12 5", "nan", "3.4", "failed motor tripped", "", "stop"]
+    )
     monkeypatch.setattr("builtins.input", lambda prompt: next(typed))
     assert command(["interactive", rig]) == 0
     shown = capsys.readouterr().out
     assert shown.count("experiment 1 of 5\n  kp  10 N/m\n  ki  1\n") == 2
     assert "baseline values:\n  kp  10 N/m\n  ki  1\n" in shown
     assert "'much' is no number" in shown
+    assert "'12 5' is no number" in shown
     assert "the cost is nan, expected a finite number" in shown
     assert "best so far: experiment 1, cost 3.4\n  kp  10 N/m" in shown
     study = Study(folder=rig)

@@ -47,3 +47,15 @@ def test_the_last_lines_speak_of_experiments(capsys):
     assert "  3 experiments, " in text
     assert "episode" not in text
     assert "step" not in text
+
+
+def test_a_study_that_is_not_finished_is_named_with_the_experiments_that_it_reached(tmp_path):
+    study = zoac.Study({"k": (0.0, 3.0)}, tmp_path, experiments=10, tuner="random", workers=3)
+    study.tell(study.ask(), 1.0)
+    study.tell(study.ask(), failed="tripped")
+    study.ask()
+    says = "unfinished, 2 of 10 experiments; relaunch resumes it"
+    assert [skipped.reason for skipped in load(tmp_path).left_out] == [says]
+    (tmp_path / "journal.jsonl").write_text("{}\n")
+    (skipped,) = load(tmp_path).left_out
+    assert "journal.jsonl: line 1 is damaged" in skipped.reason

@@ -161,6 +161,8 @@ def test_a_result_counts_once_and_another_is_refused(tmp_path):
         ({"cost": {"metrics": {}}}, "no 'cost'; it has metrics"),
         ({"cost": 1.0, "metrics": {"a": None}}, "metrics: 'a' is None"),
         ({"cost": 1.0, "metrics": 3}, "metrics: expected numbers by name, got 3"),
+        ({"cost": 1.0, "metrics": {"cost_mean": 7.0}}, "metric 'cost_mean': .* such as 'my_cost"),
+        ({"cost": {"cost": 1.0, "metrics": {"best_trial": 7}}}, "metric 'best_trial': results"),
     ],
 )
 def test_a_result_that_cannot_be_used_leaves_the_trial_pending(given, says):
@@ -180,6 +182,17 @@ def test_less_violation_goes_before_less_cost():
     assert made.history["overshoot"].tolist() == [0.1, 0.05, 0.2, 0.01]
     with pytest.raises(ConfigError, match="does not say the constraint"):
         made.tell(made.ask(), 1.0)
+
+
+def test_of_numbers_without_bound_minus_infinity_alone_keeps_a_limit(tmp_path):
+    made = study(tmp_path, tuner="random", constraints={"gain": 0.0})
+    for gain in ("-inf", "inf", "nan"):
+        made.tell(made.ask(), 1.0, constraints={"gain": float(gain)}, metrics={"m": float(gain)})
+    for one in (made, Study(folder=tmp_path)):
+        assert [trial.violation for trial in one.trials] == [0.0, 2.0, 2.0]
+        assert list(map(str, one.history["gain"])) == ["-inf", "inf", "nan"]
+        assert list(map(str, one.history["m"])) == ["-inf", "inf", "nan"]
+    pd.read_json(tmp_path / JOURNAL, lines=True)
 
 
 def test_violations_teach_the_tuner(tmp_path):

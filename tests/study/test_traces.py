@@ -8,7 +8,8 @@ import pytest
 
 import zoac
 from zoac import specs
-from zoac.core.errors import ConfigError
+from zoac.core.errors import ConfigError, StudyError
+from zoac.specs.trace import judged
 from zoac.study.commands import command
 from zoac.study.study import Study
 
@@ -49,13 +50,24 @@ def test_specs_with_a_limit_rank_and_the_others_are_the_cost(tmp_path):
     assert len(made.trials) == 2
 
 
-def test_a_value_that_does_not_exist_is_no_number_in_the_journal(tmp_path):
+def test_a_value_without_bound_is_infinite_for_who_opens_the_study_again(tmp_path):
     never = specs.settling_time("y", "r", max=1.0)
     made = study(tmp_path, specs=[never])
     trial = made.tell(made.ask(), 3.0, trace=response(0.02, wn=2.0))
     assert trial.violation > 1.0
     assert trial.cost == 3.0
-    assert np.isnan(trial.specs[never.label])  # infinite, which JSON cannot say
+    for one in (made, Study(folder=tmp_path)):
+        assert one.trial(1).specs == {never.label: np.inf}
+        assert one.history[never.label].tolist() == [np.inf]
+
+
+def test_another_trace_of_the_same_cost_is_another_result():
+    made = study(specs=[HARD])
+    told = made.tell(made.ask(), 1.0, trace=response(0.2))
+    assert made.tell(1, 1.0, trace=response(0.2)) == told
+    for other in ({"trace": response(0.8)}, {}):
+        with pytest.raises(StudyError, match="trial 1 has a result already"):
+            made.tell(1, 1.0, **other)
 
 
 def test_tuning_by_traces_keeps_the_overshoot():
@@ -72,6 +84,10 @@ def test_tuning_by_traces_keeps_the_overshoot():
         (response(0.5).drop(columns="time"), {}, "no column 'time'"),
         (response(0.5).rename(columns={"y": "Y"}), {}, "no column 'y'; did you mean 'Y'|no column"),
         (response(0.5).iloc[::-1], {}, "does not increase"),
+        (pd.concat([response(0.5), response(0.9)[["y"]]], axis=1), {}, "several columns 'y'"),
+        (response(0.5).assign(y=pd.Timedelta(1)), {}, "'y' holds what is no number"),
+        (response(0.5).assign(y=pd.Timestamp(0, tz="UTC")), {}, "'y' holds what is no number"),
+        (response(0.5).assign(time=pd.NaT), {}, "'time' holds what is not finite"),
         (response(0.5).assign(y="a"), {}, "'y' holds what is no number"),
         (response(0.5).assign(y=np.nan), {}, "'y' holds what is not finite"),
         (response(0.5), {"cost": 1.0}, "give none beside the trace"),
@@ -119,3 +135,53 @@ def test_the_command_line_takes_specs_and_traces(tmp_path, capsys):
     assert command(["create", rig + "2", "--space", str(tmp_path / "space.yaml"), "--specs",
                     str(tmp_path / "specs.yaml")]) == 1  # fmt: skip
     assert "did you mean 'overshoot'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("unit", ["ns", "ms"])
+@pytest.mark.parametrize("zone", [None, "Europe/Berlin"])
+def test_a_clock_of_dates_or_durations_is_read_in_seconds(unit, zone):
+    trace = response(0.5)
+    passed = pd.to_timedelta(trace["time"], unit="s").dt.as_unit(unit)
+    dates = pd.Timestamp("2026-03-29 01:59:59", tz=zone).as_unit(unit) + passed
+    cost = judged([SOFT], trace, None)[0]
+    assert judged([SOFT], trace.assign(time=passed), None)[0] == pytest.approx(cost, rel=1e-9)
+    assert judged([SOFT], trace.assign(time=dates), None)[0] == pytest.approx(cost, rel=1e-9)
+
+
+@pytest.fixture
+def tell_file(tmp_path, capsys):
+    """Return a function that tells the next trial a CSV file; it returns cost and errors."""
+    made = study(tmp_path / "rig", specs=[SOFT], tuner="random", workers=12)
+
+    def told(text):
+        (tmp_path / "trace.csv").write_text(text, encoding="utf-8")
+        number = str(made.ask().number)
+        command(["tell", str(made.folder), number, "--trace", str(tmp_path / "trace.csv")])
+        printed = capsys.readouterr()
+        return (json.loads(printed.out)["cost"] if printed.out else None), printed.err
+
+    return told
+
+
+def test_a_comma_at_the_end_of_each_row_shifts_no_column(tell_file):
+    text = response(0.5).to_csv(index=False)
+    header, *rows = text.splitlines()
+    plain = tell_file(text)
+    assert plain[0] > 0
+    assert tell_file("\n".join([header, *(f"{row}," for row in rows)])) == plain
+    assert tell_file("\n".join(["\ufeff" + header + ",", *(f"{row}," for row in rows)])) == plain
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("time,y,r\n0,1,1,9\n1,1,1,9\n", "line 2 has 4 values, and the first line names 3 col"),
+        ("time,y,r\n0,1,1\n1,1,1,9\n", "line 3 has 4 values, and the first line names 3 col"),
+        ("time,y,r,y\n0,1,1,2\n1,1,1,2\n", "several columns are called 'y'"),
+        ("", "cannot be read as a table"),
+    ],
+)
+def test_a_file_whose_values_belong_to_no_column_is_refused(text, says, tell_file):
+    cost, said = tell_file(text)
+    assert cost is None
+    assert says in said

@@ -80,7 +80,8 @@ def test_exceptions_are_failures_and_the_first_reason_is_kept():
 @pytest.mark.parametrize(
     ("answer", "says"),
     [(None, "the cost is None, expected a number"), ({"Cost": 1.0}, "the answer has an unknown"),
-     (float("inf"), "the cost is inf")],
+     (float("inf"), "the cost is inf"),
+     ({"cost": 1.0, "metrics": {"wall_seconds": 7.0}}, "metric 'wall_seconds': results have")],
 )  # fmt: skip
 @pytest.mark.parametrize("workers", [1, 3])
 def test_ten_failures_at_the_start_stop_it_with_the_reason(answer, says, workers):

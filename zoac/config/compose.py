@@ -8,7 +8,6 @@ import re
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from hydra import compose, initialize_config_module
@@ -23,7 +22,14 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from zoac.config.files import CONFIG_MODULE, choices, own_conf
-from zoac.config.schema import NOT_OF_THE_RUN, EvaluationSchema, RunSchema, check_keys
+from zoac.config.schema import (
+    NOT_OF_THE_RUN,
+    EvaluationSchema,
+    RunSchema,
+    check_keys,
+    why_unreadable,
+    with_whole_steps,
+)
 from zoac.config.settings import WITHOUT_EFFECT
 from zoac.core.errors import ConfigError, option_names, suggest
 
@@ -91,25 +97,6 @@ def _hydra() -> Iterator[GlobalHydra]:
 
 
 _ONE_AT_A_TIME = threading.RLock()  # Hydra is one object per process
-
-
-def with_whole_steps(overrides: Sequence[str]) -> list[str]:
-    """Return the overrides as Hydra takes them: 5e4 steps written out, and ~ as the home folder."""
-    home = str(Path("~").expanduser())
-    plain = [_HOME.sub(lambda found: f"{found[1]}={home}", text) for text in overrides]
-    return [_STEPS.sub(_written_out, text) for text in plain]
-
-
-_HOME = re.compile(r"^([+\w.]+)=~(?=/|$)")
-_STEPS = re.compile(r"(?<=[=,])\d+(?:\.\d+)?[eE]\+?\d+(?=,|$)")
-_COUNTS_STEPS = re.compile(r"\+*(budget|eval_every)=")
-
-
-def _written_out(found: re.Match[str]) -> str:
-    number = float(found[0])
-    # Beyond 1e15 not every whole number is one of these, and nobody means it.
-    counts = _COUNTS_STEPS.match(found.string) and number.is_integer() and number <= 1e15
-    return str(int(number)) if counts else found[0]
 
 
 def check_overrides(overrides: Sequence[str]) -> None:
@@ -182,8 +169,8 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
         dict.fromkeys(line for line in lines if line and not line.startswith(INTERNAL))
     )
     if isinstance(error, OverrideParseException):
-        told = text.strip("^ ") or "a quote or bracket is not closed"
-        return f"cannot read the override {error.override!r}: {told}; write key=value"
+        told = why_unreadable(str(error.override), str(error)) or f"{text}; write key=value"
+        return f"cannot read the override {error.override!r}: {told}"
     if found := re.search(r"override (.*)\n.* is not a subclass of EvaluationSchema", text):
         return f"{found[1]}: expected a group of keys; {_siblings('evaluation.', overrides)}"
     if found := re.search(r"Value (.*) of type '.*' could not be converted to (\w+)", text):
@@ -212,7 +199,9 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
     for override in overrides:
         key = override.lstrip("+~").partition("=")[0]
         if f"override '{key}'" in text and "To append to your config" in text:
-            return f"unknown key {key!r} in {override!r}; {_siblings(key, overrides)}"
+            # Of search.ranges={num_envs: ...} it is the key inside that is unknown.
+            unknown = getattr(cause, "full_key", None) or key
+            return f"unknown key {unknown!r} in {override!r}; {_siblings(unknown, overrides)}"
     if found := re.search(r"Could not (?:find|load) '(?:hydra/)?(\w+)/(\S*)'", text):
         group = found[0].split("'")[1].removesuffix(f"/{found[2]}")
         return f"unknown {group} {found[2]!r}; {suggest(found[2], _choices(group, found[2]))}"
@@ -225,14 +214,15 @@ def _siblings(key: str, overrides: Sequence[str]) -> str:
     Of the jobs of a sweep, it is about the first that does not know the key.
     """
     parent, _, name = key.rpartition(".")
-    pairs = [text.partition("=") for text in overrides]
+    pairs = [text.lstrip("+").partition("=") for text in overrides]
     groups = {group: value.split(",") for group, _, value in pairs if group in GROUPS}
     swept = [group for group, values in groups.items() if len(values) > 1]
     for values in itertools.product(*groups.values()):
         chosen = dict(zip(groups, values, strict=True))
         try:
             with _hydra():
-                texts = [f"{group}={value}" for group, value in chosen.items()]
+                # A run has no search, so that one is added.
+                texts = [f"{'+' * (g == 'search')}{g}={value}" for g, value in chosen.items()]
                 config = compose("run", overrides=texts, return_hydra_config=True)
         except Exception:  # a choice may be wrong as well, in any of the ways that Hydra knows
             return "see --help"
@@ -246,11 +236,12 @@ def _siblings(key: str, overrides: Sequence[str]) -> str:
     known = [name for name in option_names(inside) if name not in NOT_OF_THE_RUN]
     prefix = f"{parent}." if parent else ""
     if parent in GROUPS and not known:
-        option = config.hydra.runtime.choices[parent]
+        option = config.hydra.runtime.choices.get(parent)
         return f"{parent}={option} has no keys; choices: {', '.join(_choices(parent))}"
     told = "".join(f"{group}={chosen[group]}: " for group in swept)
-    may_add = parent == "task" and not swept
-    added = f"; what the task's file leaves out is added: +{key}=..." if may_add else ""
+    group = parent.partition(".")[0]
+    may_add = not swept and (parent == "task" or key.startswith("search.ranges."))
+    added = f"; what the {group}'s file leaves out is added: +{key}=..." if may_add else ""
     return told + suggest(prefix + name, [f"{prefix}{name}" for name in known]) + added
 
 

@@ -1,8 +1,10 @@
-"""Types of the top-level keys, made from the settings, for Hydra to check."""
+"""What Hydra checks: types of the top-level keys, made from the settings; overrides as text."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, make_dataclass
 from enum import Enum
+from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -77,3 +79,67 @@ def check_keys(given: Any, schema: type, prefix: str) -> None:
     for key in known:
         if key not in given:
             raise ConfigError(f"{prefix}{key}: a value is needed")
+
+
+def with_whole_steps(overrides: Sequence[str]) -> list[str]:
+    """Return the overrides as Hydra takes them: 5e4 steps written out, and ~ as the home folder."""
+    home = str(Path("~").expanduser())
+    plain = [_HOME.sub(lambda found: f"{found[1]}={home}", text) for text in overrides]
+    return [_STEPS.sub(_written_out, text) for text in plain]
+
+
+_HOME = re.compile(r"^([+\w.]+)=~(?=/|$)")
+_STEPS = re.compile(r"(?<=[=,])\d+(?:\.\d+)?[eE]\+?\d+(?=,|$)")
+_COUNTS_STEPS = re.compile(r"\+*(budget|eval_every)=")
+
+
+def _written_out(found: re.Match[str]) -> str:
+    number = float(found[0])
+    # Beyond 1e15 not every whole number is one of these, and nobody means it.
+    counts = _COUNTS_STEPS.match(found.string) and number.is_integer() and number <= 1e15
+    return str(int(number)) if counts else found[0]
+
+
+def refuse_flags(arguments: Sequence[str]) -> None:
+    """Refuse `--budget 3000` and `--budget=3000`, which Hydra would answer with its usage.
+
+    Raises:
+        ConfigError: If a key is written as a flag.
+    """
+    known = {*NOT_OF_THE_RUN, *(one.name for one in fields(RunSchema))}
+    for flag, after in zip(arguments, [*arguments[1:], ""], strict=True):
+        key, equals, value = flag.removeprefix("--").partition("=")
+        if not flag.startswith("--") or key.partition(".")[0] not in known:
+            continue
+        if not equals and "=" not in after and not after.startswith("-"):
+            value, flag = after, f"{flag} {after}".rstrip()
+        raise ConfigError(f"{flag}: expected key=value; did you mean {key}={value or '<value>'}?")
+
+
+def why_unreadable(text: str, complaint: str) -> str | None:
+    """Return why Hydra cannot read an override, and what to write; None: its own words say it.
+
+    Args:
+        text: The override.
+        complaint: Hydra's message, which points at the first character that it cannot read.
+    """
+    key, equals, value = text.partition("=")
+    if not equals:
+        key, _, value = text.lstrip("-").partition(" ")
+        meant = f"; did you mean {key}={value or '<value>'}?" if _KEY.fullmatch(key) else ""
+        return f"expected key=value{meant}"
+    pointed = _POINTER.search(complaint)
+    if pointed is None:
+        return None
+    found = text[len(pointed[1]) - len(_COMPLAINT)]
+    if found in "'\"":
+        return "a quote is not closed; write key=value"
+    if found in key:
+        return f"a key has no {found!r}; write key=value"
+    quoted = f"""; write "{key}='{value}'\"""" if not set(value) & set("'\"[]{}()") else ""
+    return f"a value with {found!r} needs quotes{quoted}"
+
+
+_COMPLAINT = "LexerNoViableAltException: "
+_POINTER = re.compile(r"^( *)\^$", re.MULTILINE)
+_KEY = re.compile(r"[A-Za-z_][\w.]*")

@@ -27,10 +27,23 @@ RESERVED = frozenset({
     "violations", "violations_by_constraint", "env_restarts", "tuning_terminations",
     "baseline_cost_mean", "baseline", "acceptance_test", "select", "held_specs", "shown",
     "warnings", "failures", "first_failure", "specs", "by_spec", "stopped_by", "finished",
-    "evaluated_after_steps", "experiments", *CLOCKS,
+    "evaluated_after_steps", "experiments", "best_trial", *CLOCKS,
 })  # fmt: skip
 """Keys of evaluation rows and of results, which no metric may take. `solver_failures` is
 free: a metric of that name counts an evaluation's, `result.json` those of the whole run."""
+
+
+def refuse_reserved(name: str) -> None:
+    """Refuse the name of a metric that would overwrite a number of a result.
+
+    Raises:
+        ConfigError: If it is one of `RESERVED`.
+    """
+    if name in RESERVED:
+        raise ConfigError(
+            f"metric {name!r}: results have a number of that name already; call it otherwise, "
+            f"such as {f'my_{name}'!r}"
+        )
 
 
 def read_from(
@@ -133,11 +146,7 @@ class Metric(_Quantity):
 
     def __post_init__(self) -> None:
         _Quantity.__post_init__(self)
-        if self.name in RESERVED:
-            raise ConfigError(
-                f"metric {self.name!r}: results have a number of that name already; call it "
-                f"otherwise, such as {f'my_{self.name}'!r}"
-            )
+        refuse_reserved(self.name)
         if self.reduce not in ("mean", "sum"):
             raise ConfigError(
                 f"metric {self.name!r}: unknown reduce {self.reduce!r}; "

@@ -24,8 +24,8 @@ from zoac.config.compose import (
     know_own_conf,
     resolved,
     variant_of,
-    with_whole_steps,
 )
+from zoac.config.schema import refuse_flags, with_whole_steps
 from zoac.core.errors import ConfigError, ZoacError
 from zoac.run import sweep_report
 from zoac.run.help import usage
@@ -180,6 +180,7 @@ def main() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         know_own_conf()
+        refuse_flags(arguments)
         overrides = overrides_of(arguments)
         check_overrides(overrides)
         for text in overrides:

@@ -26,19 +26,21 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
     """Return signals of a table with a column `time` [s] and one for each signal.
 
     Args:
-        trace: The table, a row for each sample.
+        trace: The table, a row for each sample; its time may also be of dates or durations.
         signals: Names of the columns that are needed.
 
     Raises:
-        ConfigError: If one is missing or holds what is no finite number, or the time does not
-            increase.
+        ConfigError: If one is missing or there twice, if it holds what is no finite number, or if
+            the time does not increase.
     """
     values = {}
     for name in (TIME, *signals):
         if name not in trace.columns:
             raise ConfigError(f"the trace has no column {name!r}; {suggest(name, trace.columns)}")
+        if trace[name].ndim > 1:
+            raise ConfigError(f"the trace has several columns {name!r}; expected one")
         try:
-            values[name] = trace[name].to_numpy(np.float64)
+            values[name] = _numbers(trace[name], clock=name == TIME)
         except (TypeError, ValueError):
             raise ConfigError(f"the trace's column {name!r} holds what is no number") from None
         if not np.isfinite(values[name]).all():
@@ -47,6 +49,22 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
     if len(time) < 2 or not (np.diff(time) > 0).all():
         raise ConfigError("the time of the trace does not increase from row to row")
     return Episode(time - time[0], values)
+
+
+def _numbers(column: pd.Series, clock: bool) -> np.ndarray:
+    """Return a column as numbers; of a clock, dates and durations as seconds.
+
+    Raises:
+        TypeError: If it holds dates or durations and is no clock; as numbers they would be
+            nanoseconds, or microseconds.
+    """
+    if clock and column.dtype.kind == "M":
+        column = column - column.iloc[:1].min()
+    if clock and column.dtype.kind == "m":
+        column = column.dt.total_seconds()
+    if column.dtype.kind in "mM":
+        raise TypeError(f"{column.dtype} is no number")
+    return column.to_numpy(np.float64)
 
 
 def judged(

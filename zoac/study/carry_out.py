@@ -25,6 +25,7 @@ from zoac.core.errors import (
 from zoac.runs.lock import HeldError, locked
 from zoac.runs.result import Result, result_of
 from zoac.runs.schema import read_result
+from zoac.study.loop import CARRIED_OUT
 from zoac.study.program import Program, ProgramError
 from zoac.study.state import folder as files
 from zoac.study.state.ledger import told
@@ -63,7 +64,7 @@ def tune_cost(
     study = Study(folder=where, **options)
     again = "the same call" if folder else f"the same call with folder={str(where)!r}"
     try:
-        with locked(where / ".carried-out"):
+        with locked(where / CARRIED_OUT):
             carry_out(study, cost, quiet=quiet)
     except HeldError:
         raise RunFolderError(f"{where}: another process carries out this study") from None

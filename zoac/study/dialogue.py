@@ -61,13 +61,14 @@ def _answered(study: Study, trial: Trial) -> bool:
             study.tell(trial, failed=rest or "failed")
             return True
         elif word:
+            typed = f"{word} {rest}".strip()
             try:
-                study.tell(trial, float(word + rest))
+                study.tell(trial, float(typed))
                 return True
             except ConfigError as error:
                 print(error)
             except ValueError:
-                print(f"{word + rest!r} is no number\n{HELP}")
+                print(f"{typed!r} is no number\n{HELP}")
         word, _, rest = input("cost> ").strip().partition(" ")
     return False
 

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zoac.core.errors import ConfigError, StudyError, StudyFinished, TrialsPending
+from zoac.core.errors import ConfigError, TrialsPending
 from zoac.core.parameters import ParameterSpace
 from zoac.runs.export import export
 from zoac.runs.schema import is_done
 from zoac.specs.spec import Spec
+from zoac.study.loop import experiments_left
 from zoac.study.proposals import Proposals
 from zoac.study.state import folder as files
 from zoac.study.state.ledger import Ledger
@@ -206,17 +207,14 @@ class Study:
     def __iter__(self) -> Iterator[Trial]:
         """Yield the experiments that are left, and wait for results of others where needed.
 
+        With `workers=1`, the trials that an earlier loop left without a result come first, unless
+        another process has a loop over the study. A wait of more than ten seconds is told on
+        standard error, with the trials that it is for.
+
         Raises:
             StudyError: If the next is wanted before the last has a result.
         """
-        while True:
-            try:
-                trial = self.ask(wait=np.inf)
-            except StudyFinished:
-                return
-            yield trial
-            if self.trial(trial.number).pending:
-                raise StudyError(f"trial {trial.number} has no result; tell or abandon it first")
+        return experiments_left(self)
 
     def trial(self, number: int) -> Trial:
         """Return a trial as it is now; a `StudyError` if there is none of this number."""

@@ -86,7 +86,8 @@ class Ledger:
         if trial.pending:
             return False
         known = self._results[number]
-        if all(known.get(key) == result.get(key) for key in ("kind", "reason", *KEYS)):
+        compared = ("kind", "reason", "excess", "specs", *KEYS)
+        if all(known.get(key) == result.get(key) for key in compared):
             return True
         raise StudyError(f"trial {number} has a result already: {told(trial)}")
 

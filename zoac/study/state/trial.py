@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from zoac.core.errors import ConfigError, suggest
+from zoac.core.measures import refuse_reserved
 from zoac.core.types import is_number
 from zoac.runs.schema import plain
 from zoac.specs.spec import Spec
@@ -85,8 +86,8 @@ def measured(
         specs: Of the study, which judge the trace.
 
     Raises:
-        ConfigError: If the answer is neither, the cost is not finite, a constraint with a limit
-            was not measured, or the trace cannot be judged.
+        ConfigError: If the answer is neither, the cost is not finite, a metric has a name that
+            results use, a constraint with a limit was not measured, or the trace cannot be judged.
     """
     excess, of_specs = 0.0, dict[str, float]()
     if trace is not None:
@@ -102,6 +103,8 @@ def measured(
     if not math.isfinite(cost):
         raise ConfigError(f"the cost is {cost}, expected a finite number")
     numbers = _numbers(answer.get("metrics"), "metrics") | _numbers(metrics, "metrics")
+    for name in numbers:
+        refuse_reserved(name)
     values = _numbers(answer.get("constraints"), "constraints")
     values |= _numbers(constraints, "constraints")
     missing = [name for name in limits if name not in values]
@@ -109,9 +112,15 @@ def measured(
         raise ConfigError(
             f"the answer does not say the constraint(s) {', '.join(missing)}, which have a limit"
         )
-    more = {"excess": excess, "metrics": numbers, "constraints": values, "specs": of_specs}
+    named = {"metrics": numbers, "constraints": values, "specs": of_specs}
+    more = {"excess": excess, **{kind: _storable(given) for kind, given in named.items()}}
     row: dict[str, Any] = plain({"cost": cost, **{k: v for k, v in more.items() if v}})
     return row
+
+
+def _storable(numbers: Mapping[str, float]) -> dict[str, float | str]:
+    """Return numbers by name, as text such as "-inf" where JSON has no such number."""
+    return {name: v if math.isfinite(v) else str(v) for name, v in numbers.items()}
 
 
 def _numbers(given: Any, kind: str) -> dict[str, float]:
@@ -134,7 +143,8 @@ def violation(constraints: Mapping[str, float], limits: Mapping[str, float]) -> 
     """Return by how much measured values exceed their limits, as `zoac.rollout.constraints` does.
 
     Each exceeded constraint counts 1 + v / (1 + v), v being the excess relative to the limit. A
-    constraint without a limit has the limit 0, and an excess of 1 then counts as v = 1.
+    constraint without a limit has the limit 0, and an excess of 1 then counts as v = 1. NaN exceeds
+    every limit without bound; minus infinity exceeds none.
 
     Args:
         constraints: Measured values by name.
@@ -144,7 +154,7 @@ def violation(constraints: Mapping[str, float], limits: Mapping[str, float]) -> 
     for name, value in constraints.items():
         limit = limits.get(name, 0.0)
         excess = (value - limit) / (abs(limit) or 1.0)
-        if not math.isfinite(excess):
+        if math.isnan(excess) or excess == math.inf:
             total += 2.0
         elif excess > 0:
             total += 1.0 + excess / (1.0 + excess)
@@ -154,7 +164,7 @@ def violation(constraints: Mapping[str, float], limits: Mapping[str, float]) -> 
 def ended(trial: Trial, row: Mapping[str, Any], limits: Mapping[str, float]) -> Trial:
     """Return a trial with the result in a row of the journal."""
     numbers: dict[str, Any] = {
-        kind: {name: math.nan if v is None else v for name, v in row.get(kind, {}).items()}
+        kind: {name: math.nan if v is None else float(v) for name, v in row.get(kind, {}).items()}
         for kind in ("metrics", "constraints", "specs")
     }
     return replace(
