@@ -106,11 +106,11 @@ def test_the_price_of_a_step_is_the_range_of_whole_episodes():
     assert first.price == pytest.approx(10.0)
 
 
-def test_what_is_not_finite_violates():
-    for bad in (np.nan, np.inf, -np.inf):
+def test_what_is_not_finite_violates_but_minus_infinity_is_below_any_limit():
+    for bad, scaled in ((np.nan, 2.0), (np.inf, 2.0), (-np.inf, 0.0)):
         broken = Constraint("broken", lambda s, bad=bad: np.full(s.length, bad))
         (segment,) = told([broken], [rolled(1.0)])
-        assert segment.violation == 2.0 * segment.length
+        assert segment.violation == scaled * segment.length
 
 
 @pytest.mark.parametrize(

@@ -188,13 +188,13 @@ class Constraint(_Quantity):
             )
 
     def excess(self, segment: Segment) -> np.ndarray:
-        """Return by how much the limit is exceeded at each step, (T,); infinite if not finite.
+        """Return by how much the limit is exceeded at each step, (T,); infinite for NaN.
 
         Raises:
             ConfigError: If `per_step` does not return one number per step.
         """
         over = self.values(segment).astype(np.float64) - self.limit
-        return np.where(np.isfinite(over), np.maximum(over, 0.0), np.inf)
+        return np.where(np.isnan(over), np.inf, np.maximum(over, 0.0))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
