@@ -126,6 +126,15 @@ def test_of_two_runs_the_better_is_the_lower_median(tmp_path: Path) -> None:
     assert median_run(runs).seed == 1
 
 
+@pytest.mark.parametrize("order", [(0, 1, 2, 3, 4), (4, 3, 2, 1, 0), (1, 0, 3, 4, 2)])
+def test_a_run_without_a_finite_cost_counts_as_the_worst(
+    tmp_path: Path, order: tuple[int, ...]
+) -> None:
+    means = (3.0, None, 1.0, 2.0, 5.0)
+    runs = [read(write_run(tmp_path, seed=s, result={"cost_mean": means[s]})) for s in order]
+    assert median_run(runs).cost_mean == 3.0
+
+
 def test_asking_for_a_run_that_is_not_there(sweep: Path) -> None:
     with pytest.raises(RunFolderError, match="no finished run with tuner 'es' with seed 3"):
         chosen(load(sweep), "es", 3)
