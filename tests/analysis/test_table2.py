@@ -220,6 +220,11 @@ def test_numbers_read_as_the_paper_prints_them(mean_std: MeanStd | None, shown: 
         (Interval(-6.7, -24.58, -0.063), "-6.70 [-24.58, -0.06]"),
         (Interval(0.0213, 0.019, 0.0241), "+0.0213 [+0.0190, +0.0241]"),
         (Interval(2.0, float("nan"), float("nan")), "+2.00"),
+        (Interval(3.05e-8, 3.01e-8, 3.09e-8), "+3.050e-8 [+3.010e-8, +3.090e-8]"),
+        (Interval(-1e-8, -1.2e-8, 3e-9), "-1.0e-8 [-1.2e-8, +0.3e-8]"),
+        (Interval(3e-8, 3e-8, 3e-8), "+3.0e-8 [+3.0e-8, +3.0e-8]"),
+        (Interval(2.0, 1.99999997, 2.00000003), "+2.000000000 [+1.999999970, +2.000000030]"),
+        (Interval(0.0, 0.0, 0.0), "+0.00 [+0.00, +0.00]"),
     ],
 )
 def test_bounds_can_be_told_apart(interval: Interval, shown: str) -> None:
