@@ -80,6 +80,16 @@ def test_seeds_that_were_not_asked_for_do_not_count(sweep: Path) -> None:
     assert zoac.missing == ()
 
 
+def test_seeds_that_nobody_has_are_refused_with_those_there_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for seed in (0, 3):
+        write_run(tmp_path, "zoac", seed)
+    assert main([str(tmp_path), "--seeds", "7"]) == 1
+    told = "no finished run of task 'pid_acc' with these seeds; there are 0, 3"
+    assert told in capsys.readouterr().err
+
+
 def test_a_cost_that_is_not_a_number_is_named_and_nothing_is_averaged(sweep: Path) -> None:
     for name in ("result.json", "metrics.jsonl"):
         path = sweep / "pid_acc" / "bo" / "seed=3" / name
