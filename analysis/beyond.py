@@ -16,6 +16,7 @@ import pandas as pd
 from zoac.analysis.data import cli
 from zoac.analysis.data.fairness import refuse_mixed, refuse_unequal
 from zoac.analysis.data.runs import Run
+from zoac.analysis.data.selection import failure_last
 from zoac.analysis.figures.labels import TASKS, TUNERS
 from zoac.analysis.pages.formatting import NOTHING, pipes
 from zoac.core.errors import RunFolderError
@@ -60,17 +61,24 @@ def reference_run(runs: Sequence[Run], reference: str) -> Run:
     """Return the run by whose cost the others are divided.
 
     Raises:
-        RunFolderError: If there is no run with the nominal controller.
+        RunFolderError: If there is no run with the nominal controller, or no ratio to that cost.
     """
     if reference == "best":
-        return min(runs, key=lambda run: run.cost_mean)
-    nominal = [run for run in runs if not run.tuned]
-    if not nominal:
+        chosen = min(runs, key=lambda run: failure_last(run.cost_mean))
+    else:
+        nominal = [run for run in runs if not run.tuned]
+        if not nominal:
+            raise RunFolderError(
+                f"no run of the nominal controller on {runs[0].method.task}; make one with "
+                "tuner=nominal, or give --reference best, or another --task"
+            )
+        chosen = nominal[0]
+    if not 0.0 < chosen.cost_mean < np.inf:
         raise RunFolderError(
-            f"no run of the nominal controller on {runs[0].method.task}; make one with "
-            "tuner=nominal, or give --reference best, or another --task"
+            f"{chosen.folder}: its cost, {chosen.cost_mean:.4g}, cannot be the reference of a "
+            "ratio, which needs a finite cost above zero; zoac.analysis.table2 tells differences"
         )
-    return nominal[0]
+    return chosen
 
 
 def table(
@@ -113,7 +121,8 @@ def table(
         )
     _refuse_unfair(frame, reference)
     largest = frame.groupby(ROW)["budget"].transform("max")
-    rank = frame[frame["budget"] == largest].groupby(ROW)["ratio"].mean().rename("rank")
+    ranked = frame.assign(rank=frame["ratio"].map(failure_last))[frame["budget"] == largest]
+    rank = ranked.groupby(ROW)["rank"].mean()
     ordered = frame.join(rank, on=ROW).sort_values(["rank", *ROW, "budget", "seed"])
     return ordered.drop(columns=["run", "rank"])
 
@@ -141,28 +150,51 @@ def markdown(task: str, frame: pd.DataFrame, reference: str, cost: float) -> str
         f"Cost over that of {against} ({cost:.4g}) on the same episodes: mean, worst seed, (number "
         f"of seeds).\n\n{_lines(frame, 'ratio', _ratios)}\n"
     )
+    if notes := _not_finite(frame):
+        text += "\n" + "\n".join(f"- {note}" for note in notes) + "\n"
     if frame["terminations"].isna().all():
         return text
     return (
         f"{text}\nTerminations per 100,000 steps of tuning: mean of the seeds.\n\n"
-        f"{_lines(frame, 'terminations', lambda known: f'{known.mean():.3g}')}\n"
+        f"{_lines(frame, 'terminations', _mean)}\n"
     )
 
 
 def _lines(frame: pd.DataFrame, column: str, cell: Callable[[pd.Series], str]) -> str:
-    """Return a row per method and a column per budget, each cell of its seeds' known values."""
+    """Return a row per method and a column per budget, each cell of its seeds' values."""
     budgets = sorted(frame["budget"].unique())
     lines = [["Tuner", *(f"{budget:,} steps" for budget in budgets)]]
     for (tuner, variant), row in frame.groupby(ROW, sort=False):
-        label = TUNERS.get(str(tuner), str(tuner)) + (f" [{variant}]" if variant else "")
-        cells = [row.loc[row["budget"] == budget, column].dropna() for budget in budgets]
-        lines.append([label, *(cell(known) if len(known) else NOTHING for known in cells)])
+        cells = [row.loc[row["budget"] == budget, column] for budget in budgets]
+        texts = (cell(values) if len(values) else NOTHING for values in cells)
+        lines.append([_label(tuner, variant), *texts])
     return pipes(lines)
 
 
-def _ratios(known: pd.Series) -> str:
-    mean, worst = (f"{v:.3f}" if v < 10 else f"{v:.3g}" for v in (known.mean(), known.max()))
-    return f"{mean}, {worst} ({len(known)})"
+def _label(tuner: object, variant: object) -> str:
+    return TUNERS.get(str(tuner), str(tuner)) + (f" [{variant}]" if variant else "")
+
+
+def _ratios(values: pd.Series) -> str:
+    if not np.isfinite(values).all():
+        return f"{NOTHING} ({len(values)})"
+    mean, worst = (f"{v:.3f}" if v < 10 else f"{v:.3g}" for v in (values.mean(), values.max()))
+    return f"{mean}, {worst} ({len(values)})"
+
+
+def _not_finite(frame: pd.DataFrame) -> list[str]:
+    """Return a note for each cell with seeds whose cost is not finite."""
+    lost = frame[~np.isfinite(frame["ratio"])]
+    return [
+        f"{_label(tuner, variant)}, {budget:,} steps: the cost of seed "
+        f"{', '.join(map(str, seeds))} is not finite; nothing is averaged"
+        for (tuner, variant, budget), seeds in lost.groupby([*ROW, "budget"], sort=False)["seed"]
+    ]
+
+
+def _mean(values: pd.Series) -> str:
+    known = values.dropna()
+    return f"{known.mean():.3g}" if len(known) else NOTHING
 
 
 def _variant(run: Run) -> str:

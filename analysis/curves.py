@@ -116,7 +116,7 @@ def all_panels(
         statistic: "mean" or "iqm".
 
     Raises:
-        ConfigError: If nothing of that name was logged.
+        ConfigError: If no method logged that in all of its seeds.
         RunFolderError: If runs must not be averaged or compared, or none is finished.
     """
     if task is not None:
@@ -136,11 +136,22 @@ def all_panels(
         for name in [metric] if metric else ["cost_mean", "prediction_error"]:
             if name in _logged(of_task):
                 curves = (_curve(group, name, against, episodes, statistic) for group in groups)
-                drawn = tuple(c for c in curves if c is not None)
-                panels.append(Panel(base, name, drawn, tuner_names(runs), studies, episodes))
+                if drawn := tuple(c for c in curves if c is not None):
+                    panels.append(Panel(base, name, drawn, tuner_names(runs), studies, episodes))
     if not panels:
-        raise ConfigError(f"no run logged {metric!r}; {suggest(str(metric), _logged(runs))}")
+        raise _without_curves(runs, metric or "cost_mean", against)
     return panels
+
+
+def _without_curves(runs: Sequence[Run], metric: str, against: str) -> ConfigError:
+    """Return the error that says why no method has a curve."""
+    if metric not in (known := _logged(runs)):
+        return ConfigError(f"no run logged {metric!r}; {suggest(metric, known)}")
+    lacking = next(run for run in runs if not len(series(run, metric, against, 1)[0]))
+    return ConfigError(
+        f"no method logged {metric!r} against {against} in all of its seeds; seed {lacking.seed} "
+        f"of {lacking.method} did not"
+    )
 
 
 def draw(panels: Sequence[Panel], against: str) -> Figure:

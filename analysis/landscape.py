@@ -147,25 +147,29 @@ def _draw_evolution(axes: Axes, runs: Sequence[Run], parameter: Parameter) -> No
 
 def _draw_cost(axes: Axes, part: Slice) -> None:
     """Draw the cost along a parameter, its band and its least value."""
-    mean = part.costs.mean(axis=1)
-    best = int(mean.argmin())
+    costs = np.where(np.isfinite(part.costs), part.costs, np.nan)
+    mean = costs.mean(axis=1)
+    finite = mean[np.isfinite(mean)]
     axes.plot(mean, part.values, color=style.INK, linewidth=1.1, label="Mean cost")
-    low, high = np.quantile(part.costs, [0.1, 0.9], axis=1)
+    low, high = np.quantile(costs, [0.1, 0.9], axis=1)
     told = "10% to 90% of the episodes"
     axes.fill_betweenx(part.values, low, high, color="#d4d4d4", lw=0, label=told)
-    axes.plot(mean[best], part.values[best], "*", color=style.LOOKS["bo"].colour, ms=6, zorder=5,
-              label="Least mean cost")  # fmt: skip
-    if mean.min() > 0 and mean.max() > 20 * mean.min():
+    axes.tick_params(labelleft=False)
+    if not finite.size:
+        return
+    least, most = float(finite.min()), float(finite.max())
+    axes.plot(least, part.values[mean == least][0], "*", color=style.LOOKS["bo"].colour, ms=6,
+              zorder=5, label="Least mean cost")  # fmt: skip
+    if most > 20 * least > 0:
         axes.set_xscale("log")
     else:
         # The line of a parameter that hardly matters must look flat.
-        span = max(float(np.ptp(mean)), MIN_SPAN * abs(float(mean.min())))
-        axes.set_xlim(mean.min() - 0.1 * span, mean.min() + 1.1 * span)
+        span = max(most - least, MIN_SPAN * abs(least))
+        axes.set_xlim(least - 0.1 * span, least + 1.1 * span)
         from matplotlib.ticker import MaxNLocator
 
         axes.xaxis.set_major_locator(MaxNLocator(2))
         axes.ticklabel_format(axis="x", useOffset=False)
-    axes.tick_params(labelleft=False)
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from zoac.analysis.data.plants import (
     vary,
 )
 from zoac.analysis.data.runs import Run
-from zoac.analysis.data.selection import chosen
+from zoac.analysis.data.selection import chosen, failure_last
 from zoac.analysis.figures import style
 from zoac.analysis.pages.formatting import pipes, signed, significant
 from zoac.core.errors import ConfigError
@@ -104,10 +104,15 @@ def summary(varied: Variation) -> list[list[str]]:
     return lines
 
 
+def _size(of: Sensitivity) -> float:
+    """Return the larger change of the two; one that is not finite is larger than any."""
+    return max(failure_last(abs(change)) for change in (of.below, of.above))
+
+
 def changes(around: Sequence[Sensitivity]) -> list[list[str]]:
     """Return header and rows of the changes of the cost, the largest first."""
     lines = [["Parameter", "A little less", "A little more", "Standard error"]]
-    for s in sorted(around, key=lambda s: -max(abs(s.below), abs(s.above))):
+    for s in sorted(around, key=_size, reverse=True):
         lines.append([s.name, signed(s.below), signed(s.above), significant(s.error)])
     return lines
 
@@ -175,7 +180,7 @@ def draw_costs(axes: Axes, varied: Variation, name: str) -> None:
 
 def draw_sensitivity(axes: Axes, around: Sequence[Sensitivity]) -> None:
     """Draw by how much the cost changes with each parameter moved a little down and up."""
-    order = sorted(around, key=lambda s: max(abs(s.below), abs(s.above)))
+    order = sorted(around, key=_size)
     rows = np.arange(len(order))
     for shift, colour, label, values in (
         (-0.2, "white", "less", [s.below for s in order]),

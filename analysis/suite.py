@@ -34,6 +34,9 @@ COLUMNS = ["problem", "parameters", "tuner", "experiments", "seed", "cost", "sec
 KEY = ["problem", "tuner", "experiments", "seed"]
 """What tells runs apart."""
 
+FAILED = "failed"
+"""In place of a median cost: half of the runs or more have no finite one."""
+
 LIMITS = np.linspace(0.0, 1.5, 151)
 """Scores of the profiles' axis."""
 
@@ -49,7 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(options: argparse.Namespace) -> None:
-    runs = read(options.runs) if options.runs.suffix == ".csv" else frame_of(options)
+    found = read(options.runs) if options.runs.suffix == ".csv" else frame_of(options)
+    runs = profiles.failures_last(found)
     if (twice := runs.duplicated(KEY)).any():
         what = ", ".join(f"{name} {runs.loc[twice, name].iloc[0]}" for name in KEY)
         raise RunFolderError(f"{options.runs}: two runs of {what}; keep one variant a folder")
@@ -122,11 +126,10 @@ def markdown(runs: pd.DataFrame, against: str) -> str:
     """Return the tables: scores, who is better how often, experiments needed, costs.
 
     Args:
-        runs: Rows as in suite.csv.
+        runs: Rows as in suite.csv, as `failures_last` returns them.
         against: The tuner that others are compared with.
     """
     scored = profiles.with_scores(runs)
-    left_out = sorted(set(runs["problem"]) - set(scored["problem"]))
     text = [
         "# Which tuner\n",
         f"{scored['problem'].nunique()} problems. A score is (cost - best) / (reference - best): "
@@ -134,11 +137,7 @@ def markdown(runs: pd.DataFrame, against: str) -> str:
         "random search with the fewest experiments. In brackets: 95% intervals of the bootstrap "
         "over problems and seeds.\n",
     ]
-    if left_out:
-        text.append(
-            "Left out, since random search was not run there, or no run beats it: "
-            f"{', '.join(left_out)}.\n"
-        )
+    text += _left_out(runs[~runs["problem"].isin(scored["problem"])])
     for count, group in scored.groupby("experiments"):
         text += [f"## {count:,} experiments\n", _scores(group, against)]
     needed = profiles.experiments_needed(scored)
@@ -149,6 +148,18 @@ def markdown(runs: pd.DataFrame, against: str) -> str:
         _costs(runs),
     ]
     return "\n".join(text)
+
+
+def _left_out(runs: pd.DataFrame) -> list[str]:
+    """Return a sentence for each reason why problems have no scores."""
+    known = {str(name): profiles.reference_cost(own) for name, own in runs.groupby("problem")}
+    failed = [name for name, cost in known.items() if np.isinf(cost)]
+    others = [name for name in known if name not in failed]
+    reasons = {
+        "random search was not run there, or no run beats it": others,
+        "random search fails in half of its runs there, or more": failed,
+    }
+    return [f"Left out, since {why}: {', '.join(of)}.\n" for why, of in reasons.items() if of]
 
 
 def _scores(group: pd.DataFrame, against: str) -> str:
@@ -188,10 +199,15 @@ def _costs(runs: pd.DataFrame) -> str:
     order = {problem: k for k, problem in enumerate(_sizes(runs).index)}
     for key in sorted(table.index, key=lambda key: (order[key[0]], key)):
         (problem, count), costs = key, table.loc[key]
-        text = [NOTHING if np.isnan(cost) else f"{cost:.4g}" for cost in costs]
-        least = f"{costs.min():.4g}"
-        rows.append([problem, str(count), *(f"**{t}**" if t == least else t for t in text)])
+        text = [_cost(cost) for cost in costs]
+        least = _cost(costs.min())
+        bold = (f"**{t}**" if t == least != FAILED else t for t in text)
+        rows.append([problem, str(count), *bold])
     return pipes(rows) + "\n"
+
+
+def _cost(cost: float) -> str:
+    return NOTHING if np.isnan(cost) else FAILED if np.isinf(cost) else f"{cost:.4g}"
 
 
 def _sizes(runs: pd.DataFrame) -> pd.Series:

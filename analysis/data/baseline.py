@@ -59,10 +59,14 @@ def before(run: Run, reference: Run | None = None) -> Before | None:
 
 
 def baseline_values(run: Run) -> Before | None:
-    """Return the baseline values of `run`; None if it has none, or not in the same episodes."""
+    """Return the baseline values of `run`.
+
+    None if it has none, if a cost of theirs is not finite, or if they met other episodes.
+    """
     result = run.outcome
     record = result.get("baseline") or {"cost_mean": result.get("baseline_cost_mean")}
     costs = record.get("cost_per_episode") or [record["cost_mean"]]
-    if len(costs) != len(run.costs) or None in costs:
+    known = np.array(costs, float)
+    if len(known) != len(run.costs) or not np.isfinite(known).all():
         return None
-    return Before("baseline values", run.identity["nominal"], np.array(costs, float))
+    return Before("baseline values", run.identity["nominal"], known)

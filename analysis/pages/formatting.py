@@ -6,6 +6,11 @@ from collections.abc import Sequence
 from zoac.analysis.statistics.intervals import Interval, MeanStd
 
 NOTHING = "--"
+MAX_DIGITS = 6
+"""After the point; an interval of small numbers that needs more has an exponent."""
+
+PRECISION = 15
+"""Significant digits of a float; more would show how it was rounded."""
 
 
 def number(value: float, sign: bool = False) -> str:
@@ -34,19 +39,19 @@ def signed(value: float) -> str:
 
 
 def bounds(interval: Interval | None, sign: bool = False) -> str:
-    """Return "[low, high]", with digits enough to tell the two apart."""
+    """Return "[low, high]", with digits enough to tell the two apart, or "[3.0e-8, 3.1e-8]"."""
     if interval is None or not interval.exists:
         return NOTHING
-    plus, digits = "+" if sign else "", _interval_digits(interval)
-    return f"[{interval.low:{plus}.{digits}f}, {interval.high:{plus}.{digits}f}]"
+    low, _, high = _alike(interval, sign)
+    return f"[{low}, {high}]"
 
 
 def estimate(interval: Interval, sign: bool = False) -> str:
     """Return "estimate [low, high]", or the estimate alone."""
     if not interval.exists:
         return number(interval.estimate, sign)
-    plus, digits = "+" if sign else "", _interval_digits(interval)
-    return f"{interval.estimate:{plus}.{digits}f} {bounds(interval, sign)}"
+    _, middle, _ = _alike(interval, sign)
+    return f"{middle} {bounds(interval, sign)}"
 
 
 def plus_minus(value: MeanStd | None) -> str:
@@ -82,8 +87,18 @@ def _digits(value: float) -> int:
     return 0 if abs(value) >= 1000 else 1 if abs(value) >= 10 else 2
 
 
-def _interval_digits(interval: Interval) -> int:
-    """Return digits that show the estimate as usual and tell the bounds apart, six at most."""
-    width = interval.high - interval.low
-    apart = 1 - math.floor(math.log10(width)) if width > 0 else 0
-    return min(6, max(apart, _digits(interval.estimate)))
+def _alike(interval: Interval, sign: bool) -> list[str]:
+    """Return low, estimate and high with the same digits and, where plain ones are too many, `e`.
+
+    The digits show the estimate as usual and tell the bounds apart if more than rounding does.
+    """
+    low, middle, high = numbers = interval.low, interval.estimate, interval.high
+    largest, width = max(map(abs, numbers)), high - low
+    digits = max(1 - math.floor(math.log10(width)) if width > 0 else 0, _digits(middle))
+    exponent = 0
+    if digits > MAX_DIGITS or (width == 0 and 0 < largest < 1e-2):
+        magnitude = math.floor(math.log10(largest))
+        exponent = min(0, magnitude)
+        digits = max(1, min(digits + exponent, PRECISION - max(0, magnitude)))
+    plus, end = "+" if sign else "", f"e{exponent}" if exponent else ""
+    return [f"{value / 10.0**exponent:{plus}.{digits}f}{end}" for value in numbers]

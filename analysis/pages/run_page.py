@@ -138,7 +138,8 @@ def _learning_curves(run: Run, compared: Before | None) -> list[str]:
                 label="A requirement is broken",
             )  # fmt: skip
         seen = np.concatenate([values, level])
-        if np.nanmin(seen) > 0 and np.nanmax(seen) > 20 * np.nanmin(seen):
+        seen = seen[np.isfinite(seen)]
+        if seen.size and seen.max() > 20 * seen.min() > 0:
             axes.set_yscale("log")
         big_axis(axes, "Experiments" if study else METRICS["env_steps"])
         axes.set_ylabel("Cost" if metric == "cost_mean" else METRICS[metric])

@@ -114,8 +114,8 @@ def _curves(collection: Collection, task: str, baselines: Mapping[Run, Before]) 
         cost = _shared(baselines, panel.episodes)
         untuned = any(len(curve.x) == 1 for curve in panel.curves)
         if panel.metric == "cost_mean" and cost is not None and not untuned:
-            least = min(float(np.nanmin(curve.centre)) for curve in panel.curves)
-            _draw_baseline(axes, cost, least)
+            centres = np.concatenate([curve.centre for curve in panel.curves])
+            _draw_baseline(axes, cost, float(np.nanmin(centres, initial=np.inf)))
         name = f"{task} {panel.metric}"
         pictures.append(html.picture(figure, name, METRICS[panel.metric], columns=3))
     return pictures

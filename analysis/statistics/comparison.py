@@ -115,6 +115,11 @@ def compare(
     ]
     groups = unmixed(run for run in runs if run.result is not None)
     if not groups:
+        if others := sorted({run.seed for run in collection.finished}):
+            raise RunFolderError(
+                f"no finished run of task {task!r} with these seeds; "
+                f"there are {', '.join(map(str, others))}"
+            )
         raise RunFolderError(f"no finished run of task {task!r}; see the folders left out")
     refuse_unequal([group[0] for group in groups.values()])
     wanted = sorted(seeds if seeds is not None else {r.seed for r in runs if not _is_untuned(r)})

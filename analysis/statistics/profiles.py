@@ -24,11 +24,19 @@ RESAMPLES = 2000
 QUANTILES = (0.025, 0.975)
 
 
+def failures_last(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the runs with infinity for costs that are not finite.
+
+    A run that failed is then worse than any other; as NaN it would count as not run at all.
+    """
+    return runs.assign(cost=runs["cost"].where(np.isfinite(runs["cost"]), np.inf))
+
+
 def with_scores(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs with their `score`; a cost that is not finite has an infinite one.
+    """Return the runs with their `score`; a cost that is not finite and its score are infinite.
 
     Problems without runs of random search are left out, and those on which its few experiments are
-    as good as anything, since nothing can be told apart there.
+    as good as anything or fail mostly, since nothing can be told apart there.
 
     Args:
         runs: Columns problem, tuner, experiments, seed, cost.
@@ -37,18 +45,26 @@ def with_scores(runs: pd.DataFrame) -> pd.DataFrame:
         RunFolderError: If no problem is left.
     """
     parts = []
-    for _, group in runs.groupby("problem", sort=True):
-        random = group[group["tuner"] == RANDOM]
-        few = random[random["experiments"] == random["experiments"].min()]
-        finite = group["cost"].where(np.isfinite(group["cost"]), np.inf)
-        best, reference = finite.min(), few["cost"].median()
+    for _, group in failures_last(runs).groupby("problem", sort=True):
+        best, reference = group["cost"].min(), reference_cost(group)
         if np.isfinite(reference) and reference > best:
-            parts.append(group.assign(score=(finite - best) / (reference - best)))
+            parts.append(group.assign(score=(group["cost"] - best) / (reference - best)))
     if not parts:
         raise RunFolderError(
             f"scores need runs of tuner={RANDOM} that other runs beat; no problem has such runs"
         )
     return pd.concat(parts, ignore_index=True)
+
+
+def reference_cost(runs: pd.DataFrame) -> float:
+    """Return the median cost of random search with the fewest experiments; NaN if not run.
+
+    Args:
+        runs: Those on one problem, as `failures_last` returns them.
+    """
+    random = runs[runs["tuner"] == RANDOM]
+    few = random[random["experiments"] == random["experiments"].min()]
+    return float(few["cost"].median())
 
 
 def share_within(scores: np.ndarray, limits: Sequence[float]) -> np.ndarray:

@@ -59,6 +59,48 @@ def test_the_best_run_can_be_the_reference(runs):
     assert rows(runs, reference="best")[""][5000] == {0: 1.0, 1: 2.0, 100: 4.0}
 
 
+def lost(root, seed, **more):
+    """Write a run with an episode whose cost was not finite."""
+    write_run(root, seed=seed, result={"cost_mean": None, "cost_per_episode": [None, 1.0]}, **more)
+
+
+def test_a_seed_whose_cost_is_not_finite_is_noted_and_its_cell_not_averaged(tmp_path, capsys):
+    write_run(tmp_path, "nominal", costs=(2.0, 4.0), evaluations=())
+    write_run(tmp_path, seed=0, costs=(3.0, 3.0))
+    lost(tmp_path, 1, costs=(1.0, 1.0))
+    assert beyond.main([str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr().out
+    assert "| ZOAC | -- (2) |" in told
+    assert "ZOAC, 1,000 steps: the cost of seed 1 is not finite; nothing is averaged" in told
+
+
+def test_a_row_with_a_cost_that_is_not_finite_comes_last(tmp_path):
+    write_run(tmp_path, "nominal", costs=(2.0, 4.0), evaluations=())
+    write_run(tmp_path, seed=0, costs=(3.0, 3.0))
+    write_run(tmp_path, seed=0, costs=(1.0, 1.0), variant="other")
+    lost(tmp_path, 1, costs=(1.0, 1.0), variant="other")
+    assert list(rows(tmp_path)) == ["", "other"]
+
+
+def test_the_best_run_is_one_with_a_finite_cost(tmp_path):
+    lost(tmp_path, 0, costs=(1.0, 1.0))
+    write_run(tmp_path, seed=1, costs=(3.0, 3.0))
+    write_run(tmp_path, seed=2, costs=(6.0, 6.0))
+    found = rows(tmp_path, reference="best")[""][1000]
+    assert (found[1], found[2]) == (1.0, 2.0)
+
+
+@pytest.mark.parametrize("cost", [0.0, -3.0, float("nan"), float("inf")])
+def test_a_reference_without_a_positive_finite_cost_is_refused(tmp_path, capsys, cost):
+    kept = {"cost_mean": cost}
+    write_run(tmp_path, "nominal", costs=(2.0, 4.0), evaluations=(), result=kept)
+    write_run(tmp_path, costs=(1.0, 1.0))
+    assert beyond.main([str(tmp_path)]) == 1
+    told = capsys.readouterr().err
+    assert f"its cost, {cost:g}, cannot be the reference of a ratio" in told
+    assert "needs a finite cost above zero; zoac.analysis.table2 tells differences" in told
+
+
 def test_the_command_prints_mean_worst_and_number(runs, tmp_path, capsys):
     assert beyond.main([str(runs), "--out", str(tmp_path / "out"), "--seeds", "0-9"]) == 0
     assert "| ZOAC | 1.500, 2.000 (2) | 0.750, 1.000 (2) |" in capsys.readouterr().out

@@ -70,6 +70,17 @@ def test_an_unknown_metric_is_answered_with_what_was_logged(sweep: Path) -> None
         all_panels(load(sweep), metric="cost_meen")
 
 
+def test_a_metric_that_no_method_logged_in_all_seeds_is_refused_with_a_seed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for tuner in ("zoac", "bo"):
+        write_run(tmp_path, tuner, 0, result={"extra": 1.0})
+        write_run(tmp_path, tuner, 1)
+    assert main([str(tmp_path), "--metric", "extra"]) == 1
+    told = "no method logged 'extra' against env_steps in all of its seeds; seed 1 of bo on pid_acc"
+    assert told in capsys.readouterr().err
+
+
 def test_unfinished_runs_are_not_averaged(tmp_path: Path) -> None:
     write_run(tmp_path, finished=False)
     with pytest.raises(RunFolderError, match="no finished run"):

@@ -14,7 +14,7 @@ from zoac.analysis.data.load import load, read
 from zoac.analysis.data.selection import chosen, median_run
 from zoac.analysis.figures import film, style
 from zoac.core.errors import ConfigError, RunFolderError
-from zoac.core.parameters import ParameterSpace, choice
+from zoac.core.parameters import Parameter, ParameterSpace, choice
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.evaluation import evaluation_proposals
 from zoac.rollout.task import Task
@@ -94,6 +94,25 @@ def test_a_slice_passes_through_the_tuned_parameters(task: PidAcc, tmp_path: Pat
     np.testing.assert_allclose(part.costs[1], tuned[0])  # Kp was tuned to 1
 
 
+@pytest.mark.parametrize("lost", [np.nan, np.inf])
+def test_the_least_cost_of_a_slice_is_a_finite_one(lost: float) -> None:
+    part = landscape.Slice(
+        Parameter("Kp", 0.0, 2.0), np.arange(3.0), np.array([[lost, 1.0], [4.0, 4.0], [2.0, 2.0]])
+    )
+    axes = style.blank(style.PAGE, 2.0).subplots()
+    landscape._draw_cost(axes, part)
+    _, star = axes.get_lines()
+    assert star.get_xydata().tolist() == [[2.0, 2.0]]
+    assert axes.get_xlim() == pytest.approx((1.8, 4.2))
+
+
+def test_a_slice_without_a_finite_cost_is_drawn_empty() -> None:
+    part = landscape.Slice(Parameter("Kp", 0.0, 2.0), np.arange(3.0), np.full((3, 2), np.nan))
+    axes = style.blank(style.PAGE, 2.0).subplots()
+    landscape._draw_cost(axes, part)
+    assert [line.get_label() for line in axes.get_lines()] == ["Mean cost"]
+
+
 def test_an_unknown_parameter_is_answered_with_those_there_are(
     task: PidAcc, tmp_path: Path
 ) -> None:
@@ -124,6 +143,15 @@ def test_the_run_shown_is_the_median_one(sweep: Path) -> None:
 def test_of_two_runs_the_better_is_the_lower_median(tmp_path: Path) -> None:
     runs = [read(write_run(tmp_path, seed=s, costs=(c, c))) for s, c in enumerate((5.0, 3.0))]
     assert median_run(runs).seed == 1
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3, 4), (4, 3, 2, 1, 0), (1, 0, 3, 4, 2)])
+def test_a_run_without_a_finite_cost_counts_as_the_worst(
+    tmp_path: Path, order: tuple[int, ...]
+) -> None:
+    means = (3.0, None, 1.0, 2.0, 5.0)
+    runs = [read(write_run(tmp_path, seed=s, result={"cost_mean": means[s]})) for s in order]
+    assert median_run(runs).cost_mean == 3.0
 
 
 def test_asking_for_a_run_that_is_not_there(sweep: Path) -> None:

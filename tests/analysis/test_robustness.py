@@ -77,6 +77,16 @@ def test_sensitivity_is_the_change_of_cost_in_the_same_episodes(run):
     assert (idle.below, idle.above) == (0.0, 0.0)
 
 
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2)])
+def test_a_change_that_is_not_finite_is_the_largest(order):
+    around = [
+        plants.Sensitivity(name, below, above, 0.1)
+        for name, below, above in (("a", 5.0, 1.0), ("b", 1.0, np.nan), ("c", 2.0, 3.0))
+    ]
+    lines = robustness.changes([around[k] for k in order])[1:]
+    assert [name for name, *_ in lines] == ["b", "a", "c"]
+
+
 def test_tail_risk_is_the_mean_of_the_costliest_tenth():
     assert robustness.tail_risk(np.arange(1.0, 21.0).reshape(4, 5)) == 19.5
     assert robustness.tail_risk(np.array([3.0, 1.0])) == 3.0

@@ -35,6 +35,41 @@ def test_a_score_is_the_part_of_the_way_from_the_best_to_random_search():
     assert scored["random", 2] == 1.0
 
 
+def test_a_run_that_failed_is_worse_than_one_that_did_not():
+    frame = runs({("a", "random"): [5, 6, 7], ("a", "bo"): [np.nan, np.nan, 1.0],
+                  ("a", "es"): [3, 3, 3]})  # fmt: skip
+    scored = profiles.with_scores(frame)
+    bo, es = (scored[scored["tuner"] == name] for name in ("bo", "es"))
+    assert profiles.improvement(bo, es).estimate == pytest.approx(1 / 3)
+
+
+def test_a_tuner_that_fails_in_every_seed_of_a_problem_is_compared_on_all():
+    frame = runs({(p, t): costs for p in "ab"
+                  for t, costs in {"random": [5, 6, 7], "bo": [1, 1, 1]}.items()})  # fmt: skip
+    frame.loc[(frame["problem"] == "a") & (frame["tuner"] == "bo"), "cost"] = np.nan
+    frame.loc[len(frame)] = ["a", 2, "es", 30, 0, 1.0, 1.0]  # something beats random search there
+    scored = profiles.with_scores(frame)
+    bo, random = (scored[scored["tuner"] == name] for name in ("bo", "random"))
+    assert profiles.improvement(bo, random).estimate == 0.5
+
+
+def test_random_search_that_fails_is_no_reference():
+    frame = runs({("a", "random"): [5, 6, 7], ("a", "bo"): [1, 1, 1],
+                  ("b", "random"): [9, np.nan, np.nan], ("b", "bo"): [1, 1, 1]})  # fmt: skip
+    assert set(profiles.with_scores(frame)["problem"]) == {"a"}
+    text = suite.markdown(profiles.failures_last(frame), "random")
+    assert "random search fails in half of its runs there, or more: b." in text
+
+
+def test_the_median_cost_of_a_tuner_counts_the_runs_that_failed(tmp_path, capsys):
+    frame = runs({("a", "random"): [5, 6, 7], ("a", "bo"): [np.nan, np.nan, 1.0],
+                  ("a", "es"): [3, np.nan, 4]})  # fmt: skip
+    frame.to_csv(tmp_path / "suite.csv", index=False)
+    arguments = [str(tmp_path / "suite.csv"), "--out", str(tmp_path / "out"), "--format", "svg"]
+    assert suite.main(arguments) == 0
+    assert "| a | 30 | failed | **4** | 6 |" in capsys.readouterr().out
+
+
 def test_the_reference_is_random_search_with_the_fewest_experiments():
     few, many = runs({("a", "random"): [12.0]}), runs({("a", "random"): [2.0]}, 300)
     scored = profiles.with_scores(pd.concat([few, many]))

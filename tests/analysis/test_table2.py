@@ -80,6 +80,16 @@ def test_seeds_that_were_not_asked_for_do_not_count(sweep: Path) -> None:
     assert zoac.missing == ()
 
 
+def test_seeds_that_nobody_has_are_refused_with_those_there_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for seed in (0, 3):
+        write_run(tmp_path, "zoac", seed)
+    assert main([str(tmp_path), "--seeds", "7"]) == 1
+    told = "no finished run of task 'pid_acc' with these seeds; there are 0, 3"
+    assert told in capsys.readouterr().err
+
+
 def test_a_cost_that_is_not_a_number_is_named_and_nothing_is_averaged(sweep: Path) -> None:
     for name in ("result.json", "metrics.jsonl"):
         path = sweep / "pid_acc" / "bo" / "seed=3" / name
@@ -220,6 +230,11 @@ def test_numbers_read_as_the_paper_prints_them(mean_std: MeanStd | None, shown: 
         (Interval(-6.7, -24.58, -0.063), "-6.70 [-24.58, -0.06]"),
         (Interval(0.0213, 0.019, 0.0241), "+0.0213 [+0.0190, +0.0241]"),
         (Interval(2.0, float("nan"), float("nan")), "+2.00"),
+        (Interval(3.05e-8, 3.01e-8, 3.09e-8), "+3.050e-8 [+3.010e-8, +3.090e-8]"),
+        (Interval(-1e-8, -1.2e-8, 3e-9), "-1.0e-8 [-1.2e-8, +0.3e-8]"),
+        (Interval(3e-8, 3e-8, 3e-8), "+3.0e-8 [+3.0e-8, +3.0e-8]"),
+        (Interval(2.0, 1.99999997, 2.00000003), "+2.000000000 [+1.999999970, +2.000000030]"),
+        (Interval(0.0, 0.0, 0.0), "+0.00 [+0.00, +0.00]"),
     ],
 )
 def test_bounds_can_be_told_apart(interval: Interval, shown: str) -> None:

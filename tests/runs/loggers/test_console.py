@@ -109,6 +109,12 @@ def test_the_line_that_moves_fits_and_leaves_out_what_matters_least(columns):
     assert "left" in lines[-1]
 
 
+@pytest.mark.parametrize("failed", [np.nan, np.inf, -np.inf])
+def test_a_cost_that_is_not_finite_is_never_the_best(failed):
+    seen = [evaluation(0, 1.75), evaluation(1000, failed)]
+    assert "best=1.75" in live_lines(120, seen)[-1]
+
+
 def test_a_run_that_goes_on_shows_the_best_cost_and_the_failures_of_before():
     seen = [evaluation(0, 1.75, baseline_cost_mean=2.198), evaluation(1000, 4.0, failures=30)]
     _, first, *_, last = live_lines(120, seen)

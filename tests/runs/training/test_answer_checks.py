@@ -79,6 +79,13 @@ def test_an_earlier_evaluation_that_was_clearly_better_is_told():
     assert f"cost {NOISE[:10].mean() - 1:.4g} instead of {NOISE[:10].mean():.4g}" in told
 
 
+@pytest.mark.parametrize("failed", [np.nan, np.inf, -np.inf])
+def test_an_earlier_evaluation_that_failed_hides_none_that_was_better(failed):
+    rows = [evaluation([failed] * 10), evaluation(NOISE[:10] - 1, steps=200, x=2.0)]
+    (told,) = warnings(result_of(NOISE), rows)
+    assert "after 200 steps" in told
+
+
 def test_an_earlier_evaluation_is_not_better_by_chance_or_by_breaking_constraints():
     rng = np.random.default_rng(2)
     lucky = [evaluation(rng.normal(10.0, 2.0, 10), x=k + 1.0) for k in range(30)]

@@ -149,7 +149,8 @@ class Console:
         """Keep the figures of the line that moves."""
         self._failures = row.get("failures", self._failures)
         if row["kind"] == "eval":
-            self._best = min(self._best, row["cost_mean"])
+            if np.isfinite(row["cost_mean"]):
+                self._best = min(self._best, row["cost_mean"])
             self._last = row
             self._baseline = row.get("baseline_cost_mean", self._baseline)
 

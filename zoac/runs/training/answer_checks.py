@@ -119,7 +119,7 @@ def _of_evaluations(
     ]
     if not rows:
         return
-    best = min(rows, key=lambda row: (row.get("violations", 0), row["cost_mean"]))
+    best = min(rows, key=lambda row: (row.get("violations", 0), _failure_last(row["cost_mean"])))
     shared = min(len(end), len(best["cost_per_episode"]))
     costs = np.array(best["cost_per_episode"][:shared])
     if clearly_higher(end[:shared], costs, comparisons=len(rows), noteworthy=CLEAR):
@@ -128,6 +128,11 @@ def _of_evaluations(
             f"{costs.mean():.4g} instead of {end[:shared].mean():.4g} on the same {shared} "
             "episodes; select=best_evaluated chooses among them."
         )
+
+
+def _failure_last(cost: float) -> float:
+    """Return the cost to sort by: infinity where it is not finite, as NaN has no place."""
+    return cost if np.isfinite(cost) else np.inf
 
 
 def _of_the_acceptance_test(result: Mapping[str, Any]) -> Iterator[str]:
