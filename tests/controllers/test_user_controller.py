@@ -479,8 +479,8 @@ class Short(Recipe):
 @pytest.mark.parametrize(
     ("form", "text"),
     [
-        (Whole, r"'total' is float64 of shape \(n\), and began as int64 of shape \(n\)"),
-        (Short, "'total' is not there, and began as float64"),
+        (Whole, r"'total' is float64 of shape \('n',\), and began as int64 of shape \('n',\)"),
+        (Short, "'total' is nothing, and began as float64"),
     ],
 )
 @pytest.mark.parametrize("env_indices", [(0,), (0, 1)])

@@ -181,7 +181,8 @@ class GymnasiumVecEnv(VecEnv):
             except EnvironmentFailure as failure:
                 failures[env_index] = failure
                 continue
-            ended, cut = is_true(ended, "terminated"), is_true(cut, "truncated")
+            if not (isinstance(ended, bool) and isinstance(cut, bool)):
+                ended, cut = is_true(ended, "terminated"), is_true(cut, "truncated")
             over_time = steps[env_index] >= self.max_episode_steps
             if over_time and not (self.limited or ended or cut):
                 raise ConfigError(

@@ -46,6 +46,7 @@ class Controllers:
         self._names = (*parameters, *task.fixed)
         self._initial_memory = _copied(self._controller.init(n))
         self._memory = _copied(self._initial_memory)
+        self._kinds = _kinds(self._initial_memory)
         self._objects = bool(self._stateful(0))
 
     def act(
@@ -139,13 +140,18 @@ class Controllers:
 
         Otherwise numbers would depend on which environments act together.
         """
-        found = {name: _kind(values) for name, values in memory.items()}
-        began = {name: _kind(values) for name, values in self._initial_memory.items()}
+        found, began = _kinds(memory), self._kinds
         if found != began:
             name = next(n for n in (found | began) if found.get(n) != began.get(n))
+            now, first = (
+                f"{kinds[name][0]} of shape {('n', *kinds[name][1])}"
+                if name in kinds
+                else "nothing"
+                for kinds in (found, began)
+            )
             raise ControllerError(
-                f"the controller's memory {name!r} is {found.get(name, 'not there')}, and began as "
-                f"{began.get(name, 'nothing')}; it must begin as it goes on"
+                f"the controller's memory {name!r} is {now}, and began as {first}; it must begin "
+                "as it goes on"
             )
 
     def _nearest(self, error: Exception) -> str:
@@ -205,8 +211,8 @@ def _joined(parts: Sequence[_Answer]) -> _Answer:
     return actions, memory, diagnostics
 
 
-def _kind(array: np.ndarray) -> str:
-    return f"{array.dtype} of shape (n{''.join(f', {size}' for size in array.shape[1:])})"
+def _kinds(memory: Mapping[str, np.ndarray]) -> dict[str, tuple[np.dtype, tuple[int, ...]]]:
+    return {name: (values.dtype, values.shape[1:]) for name, values in memory.items()}
 
 
 def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
