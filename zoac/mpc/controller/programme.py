@@ -155,6 +155,8 @@ class Programme:
 
     def outputs(self, copies: set[str] | frozenset[str]) -> ModelWithOutputs:
         """Return the model with the outputs that this needs, and copies of some inputs."""
+        # Without a terminal weight of its own the end has that of the states.
+        of_states = self._weight.full_within(len(self._states))
         return ModelWithOutputs(
             self._model,
             (len(self._states), len(self._inputs), len(self._model.parameters)),
@@ -162,7 +164,7 @@ class Programme:
             self.rates,
             [j for j, name in enumerate(self._inputs) if name in copies],
             stage=self._weight.full,
-            end=self._terminal is not None and self._terminal.full,
+            end=of_states if self._terminal is None else self._terminal.full,
         )
 
     def objective(
