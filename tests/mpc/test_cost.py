@@ -1,4 +1,4 @@
-"""`zoac.mpc.Mpc` minimises the cost that the documentation says, written here once more by cvxpy."""
+"""`zoac.mpc.Mpc` minimises the cost of its documentation, written once more by cvxpy."""
 
 from __future__ import annotations
 
@@ -44,3 +44,22 @@ def test_the_last_state_has_the_weights_by_pair_too(solver) -> None:
     start, weights = [1.0, -0.3], {"a": 10.0, "b": 1.0, ("a", "b"): 2.0, "t": 0.01}
     wanted = by_cvxpy(start, np.array([[10.0, 2.0], [2.0, 1.0]]), 0.01)
     assert abs(first_input(mpc(weights=weights, solver=solver), start) - wanted) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("bounds", "options", "tuned", "reference", "start"),
+    [
+        ((0.5, 3.0), {}, {"high_t": 3.0}, 0.0, [-0.6, 0.05]),
+        ((0.5, 3.0), {"weights": {("a", "t"): 1e-9}}, {}, 0.0, [-0.6, 0.05]),
+        ((-5.0, 1.0), {"reference": {"t": 3.0}}, {}, 3.0, [0.15, 0.0]),
+    ],
+    ids=["tuned bound", "cross weight", "reference"],
+)
+def test_an_input_is_weighed_from_its_reference_outside_its_bounds(
+    bounds, options, tuned, reference, start
+) -> None:
+    low, high = bounds
+    wanted = by_cvxpy(start, np.diag([10.0, 1.0]), 1.0, low=low, high=high, reference=reference)
+    weights = {"a": 10.0, "b": 1.0, "t": 1.0} | options.get("weights", {})
+    built = mpc(**{**options, "weights": weights}, bounds={"t": bounds})
+    assert abs(first_input(built, start, tuned) - wanted) < 1e-4

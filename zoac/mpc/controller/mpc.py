@@ -176,14 +176,13 @@ class Mpc:
         values = self.numbers.rows(params, n)
         state = self._state(obs)
         reference, rest = self.reference(obs, values)
-        rest = programme.clip(rest)
         tuned = programme.tuned_bounds(params)
         outputs, search = self._search(tuned)
         objective, theta = programme.objective(outputs, values, reference, rest, tuned)
         before = memory.get("input", np.empty((n, 0)))
         start = np.zeros((n, outputs.size))
         start[:, outputs.states], start[:, outputs.before] = state, before[:, programme.rates]
-        plan = search.plan(theta, start, objective, self._guess(rest, memory))
+        plan = search.plan(theta, start, objective, self._guess(programme.clip(rest), memory))
         actions = plan.inputs[:, 0].copy()
         after = {"plan": plan.inputs, "input": actions}
         own = theta[:, : len(self.model.parameters)].copy()

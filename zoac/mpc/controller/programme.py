@@ -181,7 +181,7 @@ class Programme:
             outputs: From the method of that name.
             values: Every number, (n,).
             reference: Of states (n, N, nx).
-            rest: Of inputs (n, nu), 0 where there is none, clipped.
+            rest: Of inputs (n, nu), 0 where there is none; it may lie outside their bounds.
             tuned: From `tuned_bounds`.
         """
         n, horizon, nx = reference.shape
@@ -217,7 +217,9 @@ class Programme:
             stage = gamma[:, 1:-1, None] * diagonal[:, None, :nx]
             state_weights[:, :-1, outputs.states] = stage
 
-        last = self._terminal_weight(values, weight, theta[0], reference[:, -1], rest)
+        # What is applied and linearised about lies in the bounds, whatever the cost's centre is.
+        inside = self.clip(rest)
+        last = self._terminal_weight(values, weight, theta[0], reference[:, -1], inside)
         if outputs.end.stop > outputs.end.start:
             sizes, rows = factors(last)
             theta.append(rows.reshape(n, -1))
@@ -227,7 +229,7 @@ class Programme:
         else:
             state_weights[:, -1, outputs.states] = gamma[:, -1:] * np.einsum("nii->ni", last)
         bounds = self._state_bounds(outputs, values, diagonal[:, :nx], tuned)
-        objective = Objective(target, state_weights, now * direct[:, None], bounds, rest)
+        objective = Objective(target, state_weights, now * direct[:, None], bounds, inside)
         return objective, np.concatenate(theta, axis=1)
 
     def _terminal_weight(

@@ -129,7 +129,6 @@ def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -
         n = len(observations)
         rows = {name: np.repeat(value, n) for name, value in values.items()}
         states, rest = reference(observations, rows)
-        rest = programme.clip(rest)
         objective, of_rows = programme.objective(outputs, rows, states, rest, frozenset())
         theta.append(of_rows[0])
         return objective
