@@ -110,6 +110,15 @@ def test_where_no_plan_is_found_the_inputs_rest_is_applied(tmp_path):
 
 
 @needs_gcc
+def test_references_of_inputs_need_no_rates(tmp_path):
+    mpc = rod_mpc(reference={"torque": 2.0}, linearisations=1)
+    compiled = exported(mpc, tmp_path)
+    for obs in np.random.default_rng(0).uniform(-0.4, 0.4, (10, 2)):
+        wanted = mpc.act({}, obs[None], mpc.init(1))[0][0]
+        assert np.abs(compiled(obs)[0] - wanted).max() < 10.0 * TOLERANCE
+
+
+@needs_gcc
 def test_the_papers_controller_is_exported_from_its_run_folder(tmp_path):
     zoac.tune(task="mpc_tracking", tuner="nominal", budget=0, episodes=1, final_episodes=1,
               quiet=True, folder=tmp_path / "run")  # fmt: skip

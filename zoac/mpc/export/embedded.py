@@ -165,10 +165,9 @@ def _step(model: Any, outputs: ModelWithOutputs, theta: np.ndarray) -> Any:
     own, matrices = np.split(theta, [len(model.parameters)])
     x, u = casadi.SX.sym("x", len(model.states)), casadi.SX.sym("u", len(model.inputs))
     rest = casadi.SX.sym("rest", outputs.size - len(model.states))
-    before = rest[: len(outputs.rates)]
     after, point = model_step(model, own)(x, u), casadi.vertcat(x, u)
-    rated = casadi.vertcat(*(u[j] for j in outputs.rates))
-    parts = [after, rated, rated - before, *(u[j] for j in outputs.copies)]
+    changes = (u[j] - rest[i] for i, j in enumerate(outputs.rates))
+    parts = [after, *(u[j] for j in outputs.rates), *changes, *(u[j] for j in outputs.copies)]
     for part, seen in ((outputs.stage, point), (outputs.end, after)):
         size = part.stop - part.start
         rows, matrices = np.split(matrices, [size * size])
