@@ -214,6 +214,29 @@ def test_bounds_that_cross_and_other_suffixes_are_refused(tmp_path):
         rod_mpc().export({}, tmp_path / "controller.cpp")
 
 
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"weight_angel": 20.0}, "no number 'weight_angel'; did you mean 'weight_angle'"),
+        ({"weight_angle": -5.0}, "weight_angle=-5.0: expected a finite number from 0"),
+        ({"gravity": np.nan}, "gravity=nan: expected a finite number"),
+        ({"discount": 3.0}, "discount=3.0: expected a number above 0, at most 1"),
+    ],
+)
+def test_parameters_that_are_no_numbers_of_the_mpc_are_refused(parameters, message, tmp_path):
+    with pytest.raises(ConfigError, match=message):
+        rod_mpc().export(parameters, tmp_path / "controller.c")
+
+
+@needs_gcc
+def test_exported_bounds_only_narrow_those_of_the_actuator(tmp_path):
+    compiled = exported(rod_mpc(), tmp_path, {"low_torque": -30.0, "high_torque": 30.0})
+    for angle, limit in ((0.9, -5.0), (-0.9, 5.0)):
+        action, failed = compiled([angle, 0.0])
+        assert failed == 0
+        assert abs(action[0] - limit) < 10.0 * TOLERANCE
+
+
 def law(params, obs):
     return -params["k"] * obs[0]
 

@@ -202,7 +202,8 @@ class Mpc:
             observation: Length of the observation; None: as far as states and reference read it.
 
         Raises:
-            ConfigError: If something of the controller has no form in C.
+            ConfigError: If something of the controller has no form in C, or a parameter is unknown
+                or out of range.
         """
         from zoac.mpc.export.code import write_c
         from zoac.mpc.export.embedded import of_mpc

@@ -65,9 +65,9 @@ class Programme:
         of_rates = {*self._rate_weights, *self._max_rates}
         self.rates = [j for j, name in enumerate(inputs) if name in of_rates]
         """Positions of the inputs whose rates are weighed or bounded."""
+        self._numbers = numbers
         self._discount = numbers.add("discount", "discount", discount)
-        if not 0.0 < discount <= 1.0:
-            raise ConfigError(f"discount={discount}: expected a number above 0, at most 1")
+        self.check({"discount": discount})
         for name in inputs:
             own = (numbers.values.get(f"{kind}_{name}", 0.0) for kind in ("weight", "rate_weight"))
             if not sum(own) > 0.0:
@@ -118,6 +118,17 @@ class Programme:
     def clip(self, inputs: np.ndarray) -> np.ndarray:
         """Return inputs (..., nu) inside their bounds."""
         return np.clip(inputs, *self._box)
+
+    def check(self, parameters: Mapping[str, Any]) -> None:
+        """See that parameters are numbers of this MPC, in the range of each.
+
+        Raises:
+            ConfigError: If one is not.
+        """
+        self._numbers.check(parameters)
+        discount = parameters.get("discount", 1.0)
+        if not 0.0 < discount <= 1.0:
+            raise ConfigError(f"discount={discount}: expected a number above 0, at most 1")
 
     def check_space(self, space: Mapping[str, Mapping[str, Any]]) -> None:
         """See that numbers stay in their ranges wherever they are tuned.

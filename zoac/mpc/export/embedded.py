@@ -120,6 +120,7 @@ def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -
             "export to C: terminal='riccati' changes with a reference that is observed; give "
             "terminal weights by name"
         )
+    programme.check(parameters)
     length = _length(state, reference) if observation is None else observation
     values = mpc.numbers.rows({k: np.full(1, v) for k, v in parameters.items()}, 1)
     outputs = programme.outputs(reference.of_inputs)
@@ -134,6 +135,8 @@ def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -
         return objective
 
     objective, target, preview = linear_in(read, length)
+    outer = programme.box(mpc.numbers.values)
+    low, high = programme.box({name: value[0] for name, value in values.items()})
     return EmbeddedMpc(
         step=_step(mpc.model, outputs, theta[0]),
         options=mpc.options,
@@ -144,8 +147,9 @@ def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -
         objective=objective,
         reference=target,
         preview=preview,
-        box=programme.box({name: value[0] for name, value in values.items()}),
-        outer_box=programme.box(mpc.numbers.values),
+        # As in `act`, a tuned bound only narrows the bounds that the MPC was built with.
+        box=(np.maximum(low, outer[0]), np.minimum(high, outer[1])),
+        outer_box=outer,
     )
 
 
