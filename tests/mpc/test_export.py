@@ -11,7 +11,7 @@ from gymnasium.spaces import Box
 
 import zoac
 from tests.mpc.systems import SYSTEMS, cart_pole
-from zoac.core.errors import ConfigError
+from zoac.core.errors import ConfigError, ControllerError
 from zoac.mpc import CasadiModel, FunctionModel, Mpc
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 
@@ -119,6 +119,24 @@ def test_references_of_inputs_need_no_rates(tmp_path):
 
 
 @needs_gcc
+def test_columns_of_the_state_count_from_the_end(tmp_path):
+    mpc = rod_mpc(state=[-1, 0])
+    compiled = exported(mpc, tmp_path, observation=3)
+    obs = np.array([0.1, 7.0, -0.2])
+    wanted = mpc.act({}, obs[None], mpc.init(1))[0][0]
+    assert np.abs(compiled(obs)[0] - wanted).max() < 10.0 * TOLERANCE
+
+
+@pytest.mark.parametrize("state", [[0, 3], [-4, 0]])
+def test_columns_outside_the_observation_are_named(state, tmp_path):
+    mpc = rod_mpc(state=state)
+    with pytest.raises(ConfigError, match="is not in an observation of 3 numbers"):
+        mpc.export({}, tmp_path / "controller.c", observation=3)
+    with pytest.raises(ControllerError, match="the model has 2 states, the observation 3 numbers"):
+        mpc.act({}, np.zeros((1, 3)), mpc.init(1))
+
+
+@needs_gcc
 def test_the_papers_controller_is_exported_from_its_run_folder(tmp_path):
     zoac.tune(task="mpc_tracking", tuner="nominal", budget=0, episodes=1, final_episodes=1,
               quiet=True, folder=tmp_path / "run")  # fmt: skip
@@ -196,7 +214,8 @@ REFUSED = {
     "set linearisations=5": {"linearisations": "converged"},
     "terminal='riccati' changes with a reference that is observed": {
         "terminal": "riccati", "reference": {"angle": slice(2, 3)}},
-    "needs export.*observation=its length": {"reference": {"angle": slice(-1, None)}},
+    "slice.* needs export.*observation=its length": {"reference": {"angle": slice(-1, None)}},
+    "state=.* needs export.*observation=its length": {"state": [0, -1]},
 }  # fmt: skip
 
 

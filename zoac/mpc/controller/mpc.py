@@ -230,7 +230,7 @@ class Mpc:
                     f"state=...: expected states of shape {(len(obs), nx)}, got {states.shape}"
                 )
             return states
-        if max(self.columns) >= obs.shape[1]:
+        if not -obs.shape[1] <= min(self.columns) <= max(self.columns) < obs.shape[1]:
             raise ControllerError(
                 f"the model has {nx} states, the observation {obs.shape[1]} numbers; say by "
                 "state=... how the state is read from it"

@@ -122,6 +122,10 @@ def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -
         )
     programme.check(parameters)
     length = _length(state, reference) if observation is None else observation
+    if not -length <= min(state) <= max(state) < length:
+        raise ConfigError(
+            f"export to C: state={state} is not in an observation of {length} numbers"
+        )
     values = mpc.numbers.rows({k: np.full(1, v) for k, v in parameters.items()}, 1)
     outputs = programme.outputs(reference.of_inputs)
     theta: list[np.ndarray] = []
@@ -154,6 +158,8 @@ def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -
 
 
 def _length(state: list[int], reference: Reference) -> int:
+    if min(state) < 0:
+        raise ConfigError(f"export to C: state={state} needs export(..., observation=its length)")
     ends = [i + 1 for i in state]
     for columns in reference.columns:
         if columns.stop is None or columns.stop < 0 or (columns.start or 0) < 0:
