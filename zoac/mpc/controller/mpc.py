@@ -224,7 +224,7 @@ class Mpc:
         """Return the states (n, nx) that observations (n, o) tell."""
         nx = len(self.model.states)
         if self.columns is None:
-            states = np.asarray(self._given["state"](obs), dtype=np.float64)
+            states = np.asarray(self._given["state"](obs.copy()), dtype=np.float64)
             if states.shape != (len(obs), nx):
                 raise ControllerError(
                     f"state=...: expected states of shape {(len(obs), nx)}, got {states.shape}"

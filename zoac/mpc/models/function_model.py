@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from zoac.core.errors import ConfigError, suggest
-from zoac.mpc.models.dynamics import Dynamics
+from zoac.mpc.models.dynamics import Dynamics, Function
 from zoac.mpc.problem import Sparsity
 
 WAYS = ("complex", "finite")
@@ -65,7 +65,11 @@ class FunctionModel(Dynamics):
             raise ConfigError("jacobians=...: a function belongs to step=..., not to derivative")
         self.check()
         compiled = hasattr(self._function, "py_func")
+        if not compiled:
+            self._function = _reading(self._function)
         self._rollout = _compiled_rollout(self) if compiled else _plain_rollout(self)
+        if not compiled:
+            self._try()
         self._checked = False
 
     def linearise(
@@ -90,6 +94,38 @@ class FunctionModel(Dynamics):
     def predict(self, theta: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """Return F_theta(states (n, nx), inputs (n, nu)) (n, nx)."""
         return self._along("given", theta, states, inputs[:, None])[0][:, 1]
+
+    def _try(self) -> None:
+        """See that a plain function takes arrays, as in a rollout, and complex numbers if it must.
+
+        Raises:
+            ConfigError: If it does not.
+        """
+        error = self._error("finite")
+        if error is not None:
+            raise ConfigError(
+                f"model: with arrays as entries of x and u the function raised {error}; use "
+                "NumPy's functions, no `if` on values and no change in place (r -= ...), or "
+                "compile it by numba.njit"
+            )
+        error = self._error("complex") if self._jacobians == "complex" else None
+        if error is not None:
+            raise ConfigError(
+                f"model: with complex numbers the function raised {error}; give jacobians='finite'"
+            )
+
+    def _error(self, way: str) -> str | None:
+        """Return what the function raises in a rollout of one step from ones."""
+        theta = np.array([[*self.parameters.values()]])
+        try:
+            self._along(
+                way, theta, np.ones((1, len(self.states))), np.ones((1, 1, len(self.inputs)))
+            )
+        except ArithmeticError:
+            return None  # a point that the model may refuse, since nobody asked for it
+        except Exception as error:  # whatever a user's function raises
+            return f"{type(error).__name__}: {error}"
+        return None
 
     def _along(
         self, way: str, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray
@@ -131,6 +167,20 @@ class FunctionModel(Dynamics):
                 f"{expected[k, i, j]:.6g}; a complex step needs a function that is smooth and "
                 "takes complex numbers: else jacobians='finite'"
             )
+
+
+def _reading(function: Function) -> Function:
+    """Return a function of (x, u, p) whose arrays refuse to be changed.
+
+    They are views of the integrator's own, so that a change in place would be one of the state.
+    """
+
+    def reading(x: Any, u: Any, p: Any) -> Any:
+        for entry in (*x, *u):
+            entry.setflags(write=False)
+        return function(x, u, p)
+
+    return reading
 
 
 def _plain_rollout(dynamics: Dynamics) -> Callable[..., None]:
