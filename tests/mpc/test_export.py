@@ -119,6 +119,18 @@ def test_references_of_inputs_need_no_rates(tmp_path):
 
 
 @needs_gcc
+def test_plans_are_averaged_after_ten_linearisations(tmp_path):
+    def slow(x, u, p):
+        return x.angle + 0.3 * x.rate, x.rate + 0.3 * (9.81 * np.sin(x.angle) + u.torque)
+
+    mpc = Mpc(CasadiModel(*NAMES[:2], step=slow), 12, weights=WEIGHTS, linearisations=12,
+              bounds={"torque": (-4.0, 4.0)}, solver=ClarabelSolver(1e-13))  # fmt: skip
+    obs = np.array([-1.611, 1.743])  # where twelve programmes are not enough
+    wanted = mpc.act({}, obs[None], mpc.init(1))[0][0]
+    assert np.abs(exported(mpc, tmp_path)(obs)[0] - wanted).max() < 8.0 * TOLERANCE
+
+
+@needs_gcc
 def test_columns_of_the_state_count_from_the_end(tmp_path):
     mpc = rod_mpc(state=[-1, 0])
     compiled = exported(mpc, tmp_path, observation=3)

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from zoac.core.errors import ConfigError
-from zoac.mpc.controller.mpc import Mpc
+from zoac.mpc.controller.mpc import UNDAMPED, Mpc
 from zoac.mpc.controller.outputs import ModelWithOutputs
 from zoac.mpc.controller.reference import Reference
-from zoac.mpc.sqp import MpcOptions, Objective
+from zoac.mpc.sqp import MAX_LINEARISATIONS, MpcOptions, Objective
 
 Read = Callable[[np.ndarray], Objective]
 
@@ -31,6 +31,7 @@ class EmbeddedMpc:
         preview: (N * nz, observation), by how much each entry of the observation moves it.
         box: Lower and upper bounds of the inputs, (nu,) each.
         outer_box: Those that clip what is applied where no programme was solved.
+        undamped: Programmes of a step after which plans are averaged; see `SequentialQp`.
     """
 
     step: Any
@@ -44,6 +45,7 @@ class EmbeddedMpc:
     preview: np.ndarray
     box: tuple[np.ndarray, np.ndarray]
     outer_box: tuple[np.ndarray, np.ndarray]
+    undamped: int = MAX_LINEARISATIONS
 
     @property
     def rest(self) -> np.ndarray:
@@ -154,6 +156,7 @@ def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -
         # As in `act`, a tuned bound only narrows the bounds that the MPC was built with.
         box=(np.maximum(low, outer[0]), np.minimum(high, outer[1])),
         outer_box=outer,
+        undamped=UNDAMPED,
     )
 
 
