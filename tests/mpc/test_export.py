@@ -11,7 +11,7 @@ from gymnasium.spaces import Box
 
 import zoac
 from tests.mpc.systems import SYSTEMS, cart_pole
-from zoac.core.errors import ConfigError
+from zoac.core.errors import ConfigError, ControllerError
 from zoac.mpc import CasadiModel, FunctionModel, Mpc
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 
@@ -110,6 +110,45 @@ def test_where_no_plan_is_found_the_inputs_rest_is_applied(tmp_path):
 
 
 @needs_gcc
+def test_references_of_inputs_need_no_rates(tmp_path):
+    mpc = rod_mpc(reference={"torque": 2.0}, linearisations=1)
+    compiled = exported(mpc, tmp_path)
+    for obs in np.random.default_rng(0).uniform(-0.4, 0.4, (10, 2)):
+        wanted = mpc.act({}, obs[None], mpc.init(1))[0][0]
+        assert np.abs(compiled(obs)[0] - wanted).max() < 10.0 * TOLERANCE
+
+
+@needs_gcc
+def test_plans_are_averaged_after_ten_linearisations(tmp_path):
+    def slow(x, u, p):
+        return x.angle + 0.3 * x.rate, x.rate + 0.3 * (9.81 * np.sin(x.angle) + u.torque)
+
+    mpc = Mpc(CasadiModel(*NAMES[:2], step=slow), 12, weights=WEIGHTS, linearisations=12,
+              bounds={"torque": (-4.0, 4.0)}, solver=ClarabelSolver(1e-13))  # fmt: skip
+    obs = np.array([-1.611, 1.743])  # where twelve programmes are not enough
+    wanted = mpc.act({}, obs[None], mpc.init(1))[0][0]
+    assert np.abs(exported(mpc, tmp_path)(obs)[0] - wanted).max() < 8.0 * TOLERANCE
+
+
+@needs_gcc
+def test_columns_of_the_state_count_from_the_end(tmp_path):
+    mpc = rod_mpc(state=[-1, 0])
+    compiled = exported(mpc, tmp_path, observation=3)
+    obs = np.array([0.1, 7.0, -0.2])
+    wanted = mpc.act({}, obs[None], mpc.init(1))[0][0]
+    assert np.abs(compiled(obs)[0] - wanted).max() < 10.0 * TOLERANCE
+
+
+@pytest.mark.parametrize("state", [[0, 3], [-4, 0]])
+def test_columns_outside_the_observation_are_named(state, tmp_path):
+    mpc = rod_mpc(state=state)
+    with pytest.raises(ConfigError, match="is not in an observation of 3 numbers"):
+        mpc.export({}, tmp_path / "controller.c", observation=3)
+    with pytest.raises(ControllerError, match="the model has 2 states, the observation 3 numbers"):
+        mpc.act({}, np.zeros((1, 3)), mpc.init(1))
+
+
+@needs_gcc
 def test_the_papers_controller_is_exported_from_its_run_folder(tmp_path):
     zoac.tune(task="mpc_tracking", tuner="nominal", budget=0, episodes=1, final_episodes=1,
               quiet=True, folder=tmp_path / "run")  # fmt: skip
@@ -187,7 +226,8 @@ REFUSED = {
     "set linearisations=5": {"linearisations": "converged"},
     "terminal='riccati' changes with a reference that is observed": {
         "terminal": "riccati", "reference": {"angle": slice(2, 3)}},
-    "needs export.*observation=its length": {"reference": {"angle": slice(-1, None)}},
+    "slice.* needs export.*observation=its length": {"reference": {"angle": slice(-1, None)}},
+    "state=.* needs export.*observation=its length": {"state": [0, -1]},
 }  # fmt: skip
 
 
@@ -203,6 +243,29 @@ def test_bounds_that_cross_and_other_suffixes_are_refused(tmp_path):
         rod_mpc().export({"low_rate": 2.0}, tmp_path / "controller.c")
     with pytest.raises(ConfigError, match=r"known: \.c"):
         rod_mpc().export({}, tmp_path / "controller.cpp")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"weight_angel": 20.0}, "no number 'weight_angel'; did you mean 'weight_angle'"),
+        ({"weight_angle": -5.0}, "weight_angle=-5.0: expected a finite number from 0"),
+        ({"gravity": np.nan}, "gravity=nan: expected a finite number"),
+        ({"discount": 3.0}, "discount=3.0: expected a number above 0, at most 1"),
+    ],
+)
+def test_parameters_that_are_no_numbers_of_the_mpc_are_refused(parameters, message, tmp_path):
+    with pytest.raises(ConfigError, match=message):
+        rod_mpc().export(parameters, tmp_path / "controller.c")
+
+
+@needs_gcc
+def test_exported_bounds_only_narrow_those_of_the_actuator(tmp_path):
+    compiled = exported(rod_mpc(), tmp_path, {"low_torque": -30.0, "high_torque": 30.0})
+    for angle, limit in ((0.9, -5.0), (-0.9, 5.0)):
+        action, failed = compiled([angle, 0.0])
+        assert failed == 0
+        assert abs(action[0] - limit) < 10.0 * TOLERANCE
 
 
 def law(params, obs):

@@ -149,6 +149,38 @@ def test_a_complex_step_through_abs_is_noticed() -> None:
         model.linearise(np.empty((1, 0)), np.array([[-1.0]]), np.zeros((1, 1, 1)))
 
 
+def car(x, u, p):
+    """A car of 1,500 kg; the force is in N, so that its entry is small."""
+    return x.x + 0.05 * x.v, x.v + 0.05 * u.f / 1500.0
+
+
+@pytest.mark.parametrize(
+    ("start", "speed", "force"),
+    [([0.0, 10.0], 1.0, -0.05 / 1500.0), ([5000.0, 10.0], 0.5, 0.05 / 1500.0)],
+    ids=["small entry", "large state"],
+)
+def test_a_wrong_entry_is_told_whatever_its_units(start, speed, force) -> None:
+    jacobians = lambda x, u, p: ([[1.0, 0.05], [0.0, speed]], [[0.0], [force]])  # noqa: E731
+    model = FunctionModel(["x", "v"], ["f"], step=car, jacobians=jacobians)
+    with pytest.raises(ConfigError, match=r"the Jacobian of v in [vf] is .*, by finite differ"):
+        model.linearise(np.empty((1, 0)), np.array([start]), np.zeros((1, 3, 1)))
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_right_jacobians_pass_in_any_units(scale) -> None:
+    """Curved, nearly cancelling, and beside states of another size."""
+
+    def mixed(x, u, p):
+        a, b = x.a / scale, x.b * scale
+        return scale * (np.sin(a) * np.cos(b) + u.u**3), ((1e6 + a) - 1e6 + a * b**2) / scale
+
+    for seed in range(20):
+        model = FunctionModel(["a", "b"], ["u"], step=mixed)
+        rng = np.random.default_rng(seed)
+        start = rng.normal(size=(1, 2)) * [scale, 1.0 / scale]
+        model.linearise(np.empty((1, 0)), start, rng.normal(size=(1, 1, 1)))
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

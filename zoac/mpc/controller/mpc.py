@@ -176,14 +176,13 @@ class Mpc:
         values = self.numbers.rows(params, n)
         state = self._state(obs)
         reference, rest = self.reference(obs, values)
-        rest = programme.clip(rest)
         tuned = programme.tuned_bounds(params)
         outputs, search = self._search(tuned)
         objective, theta = programme.objective(outputs, values, reference, rest, tuned)
         before = memory.get("input", np.empty((n, 0)))
         start = np.zeros((n, outputs.size))
         start[:, outputs.states], start[:, outputs.before] = state, before[:, programme.rates]
-        plan = search.plan(theta, start, objective, self._guess(rest, memory))
+        plan = search.plan(theta, start, objective, self._guess(programme.clip(rest), memory))
         actions = plan.inputs[:, 0].copy()
         after = {"plan": plan.inputs, "input": actions}
         own = theta[:, : len(self.model.parameters)].copy()
@@ -203,7 +202,8 @@ class Mpc:
             observation: Length of the observation; None: as far as states and reference read it.
 
         Raises:
-            ConfigError: If something of the controller has no form in C.
+            ConfigError: If something of the controller has no form in C, or a parameter is unknown
+                or out of range.
         """
         from zoac.mpc.export.code import write_c
         from zoac.mpc.export.embedded import of_mpc
@@ -224,13 +224,13 @@ class Mpc:
         """Return the states (n, nx) that observations (n, o) tell."""
         nx = len(self.model.states)
         if self.columns is None:
-            states = np.asarray(self._given["state"](obs), dtype=np.float64)
+            states = np.asarray(self._given["state"](obs.copy()), dtype=np.float64)
             if states.shape != (len(obs), nx):
                 raise ControllerError(
                     f"state=...: expected states of shape {(len(obs), nx)}, got {states.shape}"
                 )
             return states
-        if max(self.columns) >= obs.shape[1]:
+        if not -obs.shape[1] <= min(self.columns) <= max(self.columns) < obs.shape[1]:
             raise ControllerError(
                 f"the model has {nx} states, the observation {obs.shape[1]} numbers; say by "
                 "state=... how the state is read from it"

@@ -16,6 +16,7 @@ class Numbers:
     def __init__(self) -> None:
         self.values: dict[str, float] = {}
         self._groups: dict[str, list[str]] = {}
+        self._least: dict[str, float] = {}
 
     def add(self, group: str, name: str, value: Any, least: float = -math.inf) -> str:
         """Add one number; return its name.
@@ -23,14 +24,22 @@ class Numbers:
         Raises:
             ConfigError: If it is no finite number from `least`, or the name is taken.
         """
-        if not (is_number(value) and math.isfinite(value) and value >= least):
-            from_least = "" if least == -math.inf else f" from {least:g}"
-            raise ConfigError(f"{name}={value!r}: expected a finite number{from_least}")
+        _check(name, value, least)
         if name in self.values:
             raise ConfigError(f"{name} would be two numbers of this MPC; rename one of the model's")
-        self.values[name] = float(value)
+        self.values[name], self._least[name] = float(value), least
         self._groups.setdefault(group, []).append(name)
         return name
+
+    def check(self, parameters: Mapping[str, Any]) -> None:
+        """See that parameters are numbers of this MPC, in the range of each.
+
+        Raises:
+            ConfigError: If one is not.
+        """
+        for name, value in parameters.items():
+            self._value("parameters", name, self.values)
+            _check(name, value, self._least[name])
 
     def rows(self, params: Mapping[str, np.ndarray], n: int) -> dict[str, np.ndarray]:
         """Return every number for n environments (n,): the parameter of that name, or its value."""
@@ -49,14 +58,14 @@ class Numbers:
         found: dict[str, dict[str, Any]] = {}
         for name in names:
             for member in self._groups.get(name, [name]):
-                value = self._value(member, known)
+                value = self._value("space", member, known)
                 ends = sorted((value / within, value * within))
                 if value != 0.0:
                     found[member] = dict(zip(("low", "high"), ends, strict=True), scale="log")
                 elif member == name:
                     raise ConfigError(f"{name} is 0, no scale for bounds; give space({name}=(...))")
         for name, given in bounds.items():
-            self._value(name, known)
+            self._value("space", name, known)
             by_place = zip(("low", "high", "scale", "unit"), given, strict=False)
             found[name] = dict(given if isinstance(given, Mapping) else by_place)
         for name, fields in found.items():
@@ -70,10 +79,16 @@ class Numbers:
             raise ConfigError(f"space: name what is tuned; known: {', '.join(sorted(known))}")
         return found
 
-    def _value(self, name: str, known: Iterable[str]) -> float:
+    def _value(self, what: str, name: str, known: Iterable[str]) -> float:
         if name not in self.values:
-            raise ConfigError(f"space: this MPC has no number {name!r}; {suggest(name, known)}")
+            raise ConfigError(f"{what}: this MPC has no number {name!r}; {suggest(name, known)}")
         return self.values[name]
+
+
+def _check(name: str, value: Any, least: float) -> None:
+    if not (is_number(value) and math.isfinite(value) and value >= least):
+        from_least = "" if least == -math.inf else f" from {least:g}"
+        raise ConfigError(f"{name}={value!r}: expected a finite number{from_least}")
 
 
 def by_name(what: str, given: Any, known: Iterable[str]) -> dict[str, Any]:

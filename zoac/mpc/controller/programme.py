@@ -65,9 +65,9 @@ class Programme:
         of_rates = {*self._rate_weights, *self._max_rates}
         self.rates = [j for j, name in enumerate(inputs) if name in of_rates]
         """Positions of the inputs whose rates are weighed or bounded."""
+        self._numbers = numbers
         self._discount = numbers.add("discount", "discount", discount)
-        if not 0.0 < discount <= 1.0:
-            raise ConfigError(f"discount={discount}: expected a number above 0, at most 1")
+        self.check({"discount": discount})
         for name in inputs:
             own = (numbers.values.get(f"{kind}_{name}", 0.0) for kind in ("weight", "rate_weight"))
             if not sum(own) > 0.0:
@@ -119,6 +119,17 @@ class Programme:
         """Return inputs (..., nu) inside their bounds."""
         return np.clip(inputs, *self._box)
 
+    def check(self, parameters: Mapping[str, Any]) -> None:
+        """See that parameters are numbers of this MPC, in the range of each.
+
+        Raises:
+            ConfigError: If one is not.
+        """
+        self._numbers.check(parameters)
+        discount = parameters.get("discount", 1.0)
+        if not 0.0 < discount <= 1.0:
+            raise ConfigError(f"discount={discount}: expected a number above 0, at most 1")
+
     def check_space(self, space: Mapping[str, Mapping[str, Any]]) -> None:
         """See that numbers stay in their ranges wherever they are tuned.
 
@@ -155,6 +166,8 @@ class Programme:
 
     def outputs(self, copies: set[str] | frozenset[str]) -> ModelWithOutputs:
         """Return the model with the outputs that this needs, and copies of some inputs."""
+        # Without a terminal weight of its own the end has that of the states.
+        of_states = self._weight.full_within(len(self._states))
         return ModelWithOutputs(
             self._model,
             (len(self._states), len(self._inputs), len(self._model.parameters)),
@@ -162,7 +175,7 @@ class Programme:
             self.rates,
             [j for j, name in enumerate(self._inputs) if name in copies],
             stage=self._weight.full,
-            end=self._terminal is not None and self._terminal.full,
+            end=of_states if self._terminal is None else self._terminal.full,
         )
 
     def objective(
@@ -179,7 +192,7 @@ class Programme:
             outputs: From the method of that name.
             values: Every number, (n,).
             reference: Of states (n, N, nx).
-            rest: Of inputs (n, nu), 0 where there is none, clipped.
+            rest: Of inputs (n, nu), 0 where there is none; it may lie outside their bounds.
             tuned: From `tuned_bounds`.
         """
         n, horizon, nx = reference.shape
@@ -215,7 +228,9 @@ class Programme:
             stage = gamma[:, 1:-1, None] * diagonal[:, None, :nx]
             state_weights[:, :-1, outputs.states] = stage
 
-        last = self._terminal_weight(values, weight, theta[0], reference[:, -1], rest)
+        # What is applied and linearised about lies in the bounds, whatever the cost's centre is.
+        inside = self.clip(rest)
+        last = self._terminal_weight(values, weight, theta[0], reference[:, -1], inside)
         if outputs.end.stop > outputs.end.start:
             sizes, rows = factors(last)
             theta.append(rows.reshape(n, -1))
@@ -225,7 +240,7 @@ class Programme:
         else:
             state_weights[:, -1, outputs.states] = gamma[:, -1:] * np.einsum("nii->ni", last)
         bounds = self._state_bounds(outputs, values, diagonal[:, :nx], tuned)
-        objective = Objective(target, state_weights, now * direct[:, None], bounds, rest)
+        objective = Objective(target, state_weights, now * direct[:, None], bounds, inside)
         return objective, np.concatenate(theta, axis=1)
 
     def _terminal_weight(

@@ -71,7 +71,7 @@ class Reference:
         for j, name in self._inputs:
             inputs[:, j] = values[name]
         if self.function is not None:
-            found = np.asarray(self.function(obs), dtype=np.float64)
+            found = np.asarray(self.function(obs.copy()), dtype=np.float64)
             try:
                 return np.broadcast_to(found, (n, horizon, nx)).copy(), inputs
             except ValueError:

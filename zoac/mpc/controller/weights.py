@@ -42,7 +42,7 @@ class Matrix:
             least = 0.0 if i == j else -math.inf
             label = f"{kind}_{pair[0]}" if i == j else f"{kind}_{pair[0]}_{pair[1]}"
             self._entries.append((i, j, numbers.add(kind, label, value, least)))
-        self.full = any(i != j for i, j, _ in self._entries)
+        self.full = self.full_within(self._size)
         """Whether there is an entry beside the diagonal."""
         matrix = self.matrices(
             {name: np.full(1, numbers.values[name]) for *_, name in self._entries}, 1
@@ -53,6 +53,10 @@ class Matrix:
                 f"{kind}: the matrix is not positive semidefinite, its least eigenvalue is "
                 f"{least_size:.3g}; make entries beside the diagonal smaller"
             )
+
+    def full_within(self, count: int) -> bool:
+        """Return whether there is an entry beside the diagonal in the first `count` rows."""
+        return any(i != j and max(i, j) < count for i, j, _ in self._entries)
 
     def matrices(self, values: Values, n: int) -> np.ndarray:
         """Return the matrix for n environments (n, size, size)."""

@@ -37,6 +37,7 @@ static const double mpc_before[MPC_INPUTS] = {{{before}}};
 static const double mpc_low[MPC_INPUTS] = {{{low}}}, mpc_high[MPC_INPUTS] = {{{high}}};
 static double mpc_hessian[{hessian}], mpc_gradient[{plan}], mpc_rows[{rows}];
 static double mpc_limits[{m}], mpc_penalty[{m}], mpc_now[2][{state}], mpc_best[{plan}];
+static double mpc_last[{plan}];
 static double mpc_w[{w}];
 static int mpc_iw[{iw}];
 
@@ -103,9 +104,12 @@ int mpc_step(mpc_state *s, const double *observation, double *action)
 {guess}
     }}
     for (k = 0; k < {linearisations} && !failed; k++) {{
+        for (i = 0; i < {plan}; i++) mpc_last[i] = s->plan[i];
         failed = mpc_solve(observation, s->input, s->plan);
         if (failed && k == 0)
             for (i = 0; i < {plan}; i++) s->plan[i] = mpc_rest[i % MPC_INPUTS];
+        if (!failed && k + 1 >= {undamped} && k + 1 < {linearisations})
+            for (i = 0; i < {plan}; i++) s->plan[i] = 0.5 * (mpc_last[i] + s->plan[i]);
     }}
     for (i = 0; i < MPC_INPUTS; i++) action[i] = s->input[i] = s->plan[i];
     return failed;
@@ -167,6 +171,7 @@ def _code(embedded: EmbeddedMpc) -> str:
         solved=SOLVED,
         enough=ENOUGH,
         linearisations=embedded.options.linearisations,
+        undamped=embedded.undamped,
     )
 
 

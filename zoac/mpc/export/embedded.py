@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from zoac.core.errors import ConfigError
-from zoac.mpc.controller.mpc import Mpc
+from zoac.mpc.controller.mpc import UNDAMPED, Mpc
 from zoac.mpc.controller.outputs import ModelWithOutputs
 from zoac.mpc.controller.reference import Reference
-from zoac.mpc.sqp import MpcOptions, Objective
+from zoac.mpc.sqp import MAX_LINEARISATIONS, MpcOptions, Objective
 
 Read = Callable[[np.ndarray], Objective]
 
@@ -31,6 +31,7 @@ class EmbeddedMpc:
         preview: (N * nz, observation), by how much each entry of the observation moves it.
         box: Lower and upper bounds of the inputs, (nu,) each.
         outer_box: Those that clip what is applied where no programme was solved.
+        undamped: Programmes of a step after which plans are averaged; see `SequentialQp`.
     """
 
     step: Any
@@ -44,6 +45,7 @@ class EmbeddedMpc:
     preview: np.ndarray
     box: tuple[np.ndarray, np.ndarray]
     outer_box: tuple[np.ndarray, np.ndarray]
+    undamped: int = MAX_LINEARISATIONS
 
     @property
     def rest(self) -> np.ndarray:
@@ -120,7 +122,12 @@ def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -
             "export to C: terminal='riccati' changes with a reference that is observed; give "
             "terminal weights by name"
         )
+    programme.check(parameters)
     length = _length(state, reference) if observation is None else observation
+    if not -length <= min(state) <= max(state) < length:
+        raise ConfigError(
+            f"export to C: state={state} is not in an observation of {length} numbers"
+        )
     values = mpc.numbers.rows({k: np.full(1, v) for k, v in parameters.items()}, 1)
     outputs = programme.outputs(reference.of_inputs)
     theta: list[np.ndarray] = []
@@ -129,12 +136,13 @@ def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -
         n = len(observations)
         rows = {name: np.repeat(value, n) for name, value in values.items()}
         states, rest = reference(observations, rows)
-        rest = programme.clip(rest)
         objective, of_rows = programme.objective(outputs, rows, states, rest, frozenset())
         theta.append(of_rows[0])
         return objective
 
     objective, target, preview = linear_in(read, length)
+    outer = programme.box(mpc.numbers.values)
+    low, high = programme.box({name: value[0] for name, value in values.items()})
     return EmbeddedMpc(
         step=_step(mpc.model, outputs, theta[0]),
         options=mpc.options,
@@ -145,12 +153,16 @@ def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -
         objective=objective,
         reference=target,
         preview=preview,
-        box=programme.box({name: value[0] for name, value in values.items()}),
-        outer_box=programme.box(mpc.numbers.values),
+        # As in `act`, a tuned bound only narrows the bounds that the MPC was built with.
+        box=(np.maximum(low, outer[0]), np.minimum(high, outer[1])),
+        outer_box=outer,
+        undamped=UNDAMPED,
     )
 
 
 def _length(state: list[int], reference: Reference) -> int:
+    if min(state) < 0:
+        raise ConfigError(f"export to C: state={state} needs export(..., observation=its length)")
     ends = [i + 1 for i in state]
     for columns in reference.columns:
         if columns.stop is None or columns.stop < 0 or (columns.start or 0) < 0:
@@ -166,10 +178,9 @@ def _step(model: Any, outputs: ModelWithOutputs, theta: np.ndarray) -> Any:
     own, matrices = np.split(theta, [len(model.parameters)])
     x, u = casadi.SX.sym("x", len(model.states)), casadi.SX.sym("u", len(model.inputs))
     rest = casadi.SX.sym("rest", outputs.size - len(model.states))
-    before = rest[: len(outputs.rates)]
     after, point = model_step(model, own)(x, u), casadi.vertcat(x, u)
-    rated = casadi.vertcat(*(u[j] for j in outputs.rates))
-    parts = [after, rated, rated - before, *(u[j] for j in outputs.copies)]
+    changes = (u[j] - rest[i] for i, j in enumerate(outputs.rates))
+    parts = [after, *(u[j] for j in outputs.rates), *changes, *(u[j] for j in outputs.copies)]
     for part, seen in ((outputs.stage, point), (outputs.end, after)):
         size = part.stop - part.start
         rows, matrices = np.split(matrices, [size * size])

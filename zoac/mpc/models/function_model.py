@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from zoac.core.errors import ConfigError, suggest
-from zoac.mpc.models.dynamics import Dynamics
+from zoac.mpc.models.dynamics import Dynamics, Function
 from zoac.mpc.problem import Sparsity
 
 WAYS = ("complex", "finite")
@@ -17,9 +17,16 @@ COMPLEX_STEP = 1e-20
 FINITE_STEP = 6e-6
 """Cube root of the machine epsilon, for central differences; times |x| where that is above 1."""
 
+STEPS = {"finite": FINITE_STEP, "coarse": 8.0 * FINITE_STEP}
+
 AGREES = 1e-3
-"""A Jacobian's entry is right if finite differences are within this of it, or within this part of
-its row's largest change."""
+"""A Jacobian's entry is right if finite differences are within this part of it, and their error."""
+
+TRUST = 10.0
+"""Their error is at most this times what a coarser step changes: it shows curvature and noise."""
+
+ROUNDING = 1e-14
+"""And this part of the next state, over the step."""
 
 
 class FunctionModel(Dynamics):
@@ -65,7 +72,11 @@ class FunctionModel(Dynamics):
             raise ConfigError("jacobians=...: a function belongs to step=..., not to derivative")
         self.check()
         compiled = hasattr(self._function, "py_func")
+        if not compiled:
+            self._function = _reading(self._function)
         self._rollout = _compiled_rollout(self) if compiled else _plain_rollout(self)
+        if not compiled:
+            self._try()
         self._checked = False
 
     def linearise(
@@ -81,8 +92,9 @@ class FunctionModel(Dynamics):
         if way == "given":
             self._write_given(theta, states, inputs, ab)
         if not self._checked and len(start):
-            _, expected = self._along("finite", theta[:1], start[:1], inputs[:1])
-            self._check(ab[0], expected[0], states[0])
+            first = theta[:1], start[:1], inputs[:1]
+            expected, coarse = (self._along(step, *first)[1][0] for step in STEPS)
+            self._check(ab[0], expected, coarse, states[0], inputs[0])
             self._checked = True
         nx = start.shape[1]
         return states, np.ascontiguousarray(ab[..., :nx]), np.ascontiguousarray(ab[..., nx:])
@@ -90,6 +102,38 @@ class FunctionModel(Dynamics):
     def predict(self, theta: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """Return F_theta(states (n, nx), inputs (n, nu)) (n, nx)."""
         return self._along("given", theta, states, inputs[:, None])[0][:, 1]
+
+    def _try(self) -> None:
+        """See that a plain function takes arrays, as in a rollout, and complex numbers if it must.
+
+        Raises:
+            ConfigError: If it does not.
+        """
+        error = self._error("finite")
+        if error is not None:
+            raise ConfigError(
+                f"model: with arrays as entries of x and u the function raised {error}; use "
+                "NumPy's functions, no `if` on values and no change in place (r -= ...), or "
+                "compile it by numba.njit"
+            )
+        error = self._error("complex") if self._jacobians == "complex" else None
+        if error is not None:
+            raise ConfigError(
+                f"model: with complex numbers the function raised {error}; give jacobians='finite'"
+            )
+
+    def _error(self, way: str) -> str | None:
+        """Return what the function raises in a rollout of one step from ones."""
+        theta = np.array([[*self.parameters.values()]])
+        try:
+            self._along(
+                way, theta, np.ones((1, len(self.states))), np.ones((1, 1, len(self.inputs)))
+            )
+        except ArithmeticError:
+            return None  # a point that the model may refuse, since nobody asked for it
+        except Exception as error:  # whatever a user's function raises
+            return f"{type(error).__name__}: {error}"
+        return None
 
     def _along(
         self, way: str, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray
@@ -119,10 +163,21 @@ class FunctionModel(Dynamics):
                 a, b = self._jacobians(*point)  # type: ignore[operator]
                 ab[row, k, :, :nx], ab[row, k, :, nx:] = a, b
 
-    def _check(self, found: np.ndarray, expected: np.ndarray, states: np.ndarray) -> None:
-        size = np.maximum(np.abs(expected).max(axis=2, keepdims=True), 1.0)
-        size = np.maximum(size, np.abs(states[:-1]).max(initial=0.0))
-        wrong = np.argwhere(np.abs(found - expected) > AGREES * size)
+    def _check(
+        self,
+        found: np.ndarray,
+        expected: np.ndarray,
+        coarse: np.ndarray,
+        states: np.ndarray,
+        inputs: np.ndarray,
+    ) -> None:
+        point = np.concatenate([states[:-1], inputs], axis=1)
+        step = FINITE_STEP * np.maximum(np.abs(point), 1.0)
+        # Entry by entry: units differ, so that a small one matters as much as a large one.
+        with np.errstate(all="ignore"):  # differences that are not finite tell nothing
+            allowed = AGREES * np.abs(expected) + TRUST * np.abs(coarse - expected)
+            allowed += ROUNDING * np.abs(states[1:, :, None]) / step[:, None]
+            wrong = np.argwhere(np.abs(found - expected) > allowed)
         if len(wrong):
             k, i, j = wrong[0]
             raise ConfigError(
@@ -131,6 +186,20 @@ class FunctionModel(Dynamics):
                 f"{expected[k, i, j]:.6g}; a complex step needs a function that is smooth and "
                 "takes complex numbers: else jacobians='finite'"
             )
+
+
+def _reading(function: Function) -> Function:
+    """Return a function of (x, u, p) whose arrays refuse to be changed.
+
+    They are views of the integrator's own, so that a change in place would be one of the state.
+    """
+
+    def reading(x: Any, u: Any, p: Any) -> Any:
+        for entry in (*x, *u):
+            entry.setflags(write=False)
+        return function(x, u, p)
+
+    return reading
 
 
 def _plain_rollout(dynamics: Dynamics) -> Callable[..., None]:
@@ -148,8 +217,8 @@ def _plain_rollout(dynamics: Dynamics) -> Callable[..., None]:
             if way == "complex":
                 moved = point + 1j * COMPLEX_STEP * directions
                 ab[k] = advance(moved[:nx], moved[nx:], p).imag / COMPLEX_STEP
-            elif way == "finite":
-                step = FINITE_STEP * np.maximum(np.abs(point[:, 0]), 1.0)
+            elif way in STEPS:
+                step = STEPS[way] * np.maximum(np.abs(point[:, 0]), 1.0)
                 up, down = point + step * directions, point - step * directions
                 change = advance(up[:nx], up[nx:], p) - advance(down[:nx], down[nx:], p)
                 ab[k] = change / (2.0 * step)
@@ -182,13 +251,13 @@ def _compiled_rollout(dynamics: Dynamics) -> Callable[..., None]:
 
     @numba.njit(error_model="numpy")
     def by_differences(
-        p: np.ndarray, inputs: np.ndarray, states: np.ndarray, ab: np.ndarray
+        p: np.ndarray, inputs: np.ndarray, states: np.ndarray, ab: np.ndarray, size: float
     ) -> None:
         for k in range(len(inputs)):
             for j in range(ab.shape[2]):
                 up = np.concatenate((states[k], inputs[k]))
                 down = up.copy()
-                step = FINITE_STEP * max(abs(up[j]), 1.0)
+                step = size * max(abs(up[j]), 1.0)
                 up[j] += step
                 down[j] -= step
                 change = advance(up[:nx].copy(), up[nx:].copy(), p)
@@ -202,7 +271,7 @@ def _compiled_rollout(dynamics: Dynamics) -> Callable[..., None]:
         along(p, inputs, states)
         if way == "complex":
             by_complex_step(p, inputs, states, ab)
-        elif way == "finite":
-            by_differences(p, inputs, states, ab)
+        elif way in STEPS:
+            by_differences(p, inputs, states, ab, STEPS[way])
 
     return rollout
