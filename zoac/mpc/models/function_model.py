@@ -22,7 +22,7 @@ STEPS = {"finite": FINITE_STEP, "coarse": 8.0 * FINITE_STEP}
 AGREES = 1e-3
 """A Jacobian's entry is right if finite differences are within this part of it, and their error."""
 
-TRUST = 10.0
+ERROR_FACTOR = 10.0
 """Their error is at most this times what a coarser step changes: it shows curvature and noise."""
 
 ROUNDING = 1e-14
@@ -175,7 +175,7 @@ class FunctionModel(Dynamics):
         step = FINITE_STEP * np.maximum(np.abs(point), 1.0)
         # Entry by entry: units differ, so that a small one matters as much as a large one.
         with np.errstate(all="ignore"):  # differences that are not finite tell nothing
-            allowed = AGREES * np.abs(expected) + TRUST * np.abs(coarse - expected)
+            allowed = AGREES * np.abs(expected) + ERROR_FACTOR * np.abs(coarse - expected)
             allowed += ROUNDING * np.abs(states[1:, :, None]) / step[:, None]
             wrong = np.argwhere(np.abs(found - expected) > allowed)
         if len(wrong):
