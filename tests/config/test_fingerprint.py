@@ -12,6 +12,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.spaces import Box
 
 from tests.envs.test_adapters import Drift, Integrator
 from zoac.config.fingerprint import CannotTellError, described, told
@@ -162,6 +163,15 @@ def test_a_copy_and_one_that_was_seeded_are_the_same():
     fresh, seeded = Plant(), Plant()
     seeded.np_random = np.random.default_rng(3)
     assert described(fresh) == described(seeded)
+
+
+def test_an_environment_whose_spaces_were_printed_is_the_same():
+    class Own(Plant):
+        observation_space = Box(-1.0, 1.0, (1,))
+
+    before = described(Own())
+    assert str(Own.observation_space)
+    assert described(Own()) == before
 
 
 def test_what_holds_itself_is_described():

@@ -25,7 +25,7 @@ _BY_NAME = (
     types.MemberDescriptorType, types.GetSetDescriptorType, types.ClassMethodDescriptorType,
 )  # fmt: skip
 
-CHANGES_WITH_USE = ("_np_random", "_np_random_seed", "_cached_spec")
+CHANGES_WITH_USE = ("_np_random", "_np_random_seed", "_cached_spec", "low_repr", "high_repr")
 """Attributes of Gymnasium's environments and spaces that say nothing about what they are."""
 
 
