@@ -16,10 +16,10 @@ import pandas as pd
 from zoac.analysis.data import cli
 from zoac.analysis.data.fairness import refuse_mixed, refuse_unequal
 from zoac.analysis.data.runs import Run
-from zoac.analysis.data.selection import failure_last
 from zoac.analysis.figures.labels import TASKS, TUNERS
 from zoac.analysis.pages.formatting import NOTHING, pipes
 from zoac.core.errors import RunFolderError
+from zoac.core.types import bad_is_infinite
 
 REFERENCES = ("nominal", "best")
 ASIDE = ("budget", "mpc_solver", "executor")
@@ -64,7 +64,7 @@ def reference_run(runs: Sequence[Run], reference: str) -> Run:
         RunFolderError: If there is no run with the nominal controller, or no ratio to that cost.
     """
     if reference == "best":
-        chosen = min(runs, key=lambda run: failure_last(run.cost_mean))
+        chosen = min(runs, key=lambda run: float(bad_is_infinite(run.cost_mean)))
     else:
         nominal = [run for run in runs if not run.tuned]
         if not nominal:
@@ -121,7 +121,7 @@ def table(
         )
     _refuse_unfair(frame, reference)
     largest = frame.groupby(ROW)["budget"].transform("max")
-    ranked = frame.assign(rank=frame["ratio"].map(failure_last))[frame["budget"] == largest]
+    ranked = frame.assign(rank=bad_is_infinite(frame["ratio"]))[frame["budget"] == largest]
     rank = ranked.groupby(ROW)["rank"].mean()
     ordered = frame.join(rank, on=ROW).sort_values(["rank", *ROW, "budget", "seed"])
     return ordered.drop(columns=["run", "rank"])

@@ -29,10 +29,11 @@ from zoac.analysis.data.plants import (
     vary,
 )
 from zoac.analysis.data.runs import Run
-from zoac.analysis.data.selection import chosen, failure_last
+from zoac.analysis.data.selection import chosen
 from zoac.analysis.figures import style
 from zoac.analysis.pages.formatting import pipes, signed, significant
 from zoac.core.errors import ConfigError
+from zoac.core.types import bad_is_infinite
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -106,7 +107,7 @@ def summary(varied: Variation) -> list[list[str]]:
 
 def _size(of: Sensitivity) -> float:
     """Return the larger change of the two; one that is not finite is larger than any."""
-    return max(failure_last(abs(change)) for change in (of.below, of.above))
+    return float(bad_is_infinite(np.abs([of.below, of.above])).max())
 
 
 def changes(around: Sequence[Sensitivity]) -> list[list[str]]:

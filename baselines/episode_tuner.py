@@ -9,8 +9,8 @@ import numpy as np
 from zoac.algorithm.strategies.held_out import HeldOut
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem, Tuner
-from zoac.core.types import Count, Fraction
-from zoac.rollout.outcomes import CostRange, Outcomes, bad_is_infinite, cost_sums
+from zoac.core.types import Count, Fraction, bad_is_infinite
+from zoac.rollout.outcomes import CostRange, Outcomes, cost_sums
 
 
 class EpisodeTuner(Tuner):

@@ -1,11 +1,11 @@
 """Choose the runs that represent their methods in figures of single runs."""
 
-import math
 from collections.abc import Sequence
 
 from zoac.analysis.data.fairness import unmixed
 from zoac.analysis.data.runs import Collection, Run
 from zoac.core.errors import RunFolderError
+from zoac.core.types import bad_is_infinite
 
 
 def chosen(collection: Collection, tuner: str | None = None, seed: int | None = None) -> list[Run]:
@@ -29,10 +29,5 @@ def chosen(collection: Collection, tuner: str | None = None, seed: int | None = 
 
 def median_run(runs: Sequence[Run]) -> Run:
     """Return the run whose final cost is the (lower) median: typical, not the best."""
-    ordered = sorted(runs, key=lambda run: (failure_last(run.cost_mean), run.seed))
+    ordered = sorted(runs, key=lambda run: (float(bad_is_infinite(run.cost_mean)), run.seed))
     return ordered[(len(ordered) - 1) // 2]
-
-
-def failure_last(cost: float) -> float:
-    """Return the cost to sort by: infinity where it is not finite, as NaN has no place."""
-    return cost if math.isfinite(cost) else math.inf

@@ -15,6 +15,7 @@ import pandas as pd
 from zoac.analysis.statistics.intervals import Interval
 from zoac.core.errors import RunFolderError
 from zoac.core.seeding import stream
+from zoac.core.types import bad_is_infinite
 
 NEAR = 0.05
 """Score within which a run is near the best."""
@@ -29,7 +30,7 @@ def failures_last(runs: pd.DataFrame) -> pd.DataFrame:
 
     A run that failed is then worse than any other; as NaN it would count as not run at all.
     """
-    return runs.assign(cost=runs["cost"].where(np.isfinite(runs["cost"]), np.inf))
+    return runs.assign(cost=bad_is_infinite(runs["cost"]))
 
 
 def with_scores(runs: pd.DataFrame) -> pd.DataFrame:

@@ -1,9 +1,10 @@
-"""Ranges of numbers that options declare, and what counts as a number."""
+"""Ranges of numbers that options declare; what counts as a number, and as a finite one."""
 
 import math
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field
 
 Natural = Annotated[int, Field(ge=0)]
@@ -24,3 +25,8 @@ def all_finite(array: np.ndarray) -> bool:
     """Tell whether no number of a real array is infinite or NaN."""
     # The sum of squares is quickest, but may overflow where every number is finite.
     return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
+
+
+def bad_is_infinite(costs: ArrayLike) -> np.ndarray:
+    """Return costs, any shape, with plus infinity for what is not finite."""
+    return np.where(np.isfinite(costs), costs, np.inf)

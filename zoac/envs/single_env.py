@@ -198,8 +198,6 @@ def is_true(value: Any, what: str) -> bool:
     Raises:
         EnvironmentContractError: If it is none.
     """
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
     array = np.asarray(value is not None and value)
     if array.size != 1 or array.dtype.kind not in "biuf":
         raise EnvironmentContractError(

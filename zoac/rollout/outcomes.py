@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoac.core.segments import Segment
+from zoac.core.types import bad_is_infinite
 
 LARGEST = 1e20
 """Costs beyond are told as this. Nevergrad cuts what it is told at 5e20."""
@@ -26,11 +27,6 @@ def cost_sums(segments: Sequence[Segment]) -> np.ndarray:
     """Return what each segment costs in total, as tuners are told it, (n,)."""
     with np.errstate(invalid="ignore", over="ignore"):
         return np.array([segment.costs.sum() for segment in segments])
-
-
-def bad_is_infinite(costs: np.ndarray) -> np.ndarray:
-    """Return costs, any shape, with plus infinity for what is not finite."""
-    return np.where(np.isfinite(costs), costs, np.inf)
 
 
 def ranking(violations: np.ndarray, costs: np.ndarray) -> np.ndarray:

@@ -7,7 +7,8 @@ import numpy as np
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem
-from zoac.rollout.outcomes import bad_is_infinite, cost_sums, ranking
+from zoac.core.types import bad_is_infinite
+from zoac.rollout.outcomes import cost_sums, ranking
 
 
 class HeldOut:

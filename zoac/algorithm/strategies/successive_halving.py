@@ -15,8 +15,8 @@ import numpy as np
 from zoac.algorithm.strategies.base import Begin, StartSearch
 from zoac.core.segments import Proposal, Segment
 from zoac.core.tuner import Problem
-from zoac.core.types import Count, UnitInterval
-from zoac.rollout.outcomes import bad_is_infinite, cost_sums, ranking
+from zoac.core.types import Count, UnitInterval, bad_is_infinite
+from zoac.rollout.outcomes import cost_sums, ranking
 
 SHORTEST = 1 / 40
 """Horizon of the first round, as a part of an episode's time limit; see also

@@ -7,6 +7,7 @@ import numpy as np
 
 from zoac.algorithm.strategies.paired_comparison import MIN_PAIRS, clearly_higher
 from zoac.core.parameters import Parameter
+from zoac.core.types import bad_is_infinite
 from zoac.specs.verdict import OF_A_SPEC
 
 CLEAR = 0.02
@@ -119,7 +120,7 @@ def _of_evaluations(
     ]
     if not rows:
         return
-    best = min(rows, key=lambda row: (row.get("violations", 0), _failure_last(row["cost_mean"])))
+    best = min(rows, key=lambda row: (row.get("violations", 0), bad_is_infinite(row["cost_mean"])))
     shared = min(len(end), len(best["cost_per_episode"]))
     costs = np.array(best["cost_per_episode"][:shared])
     if clearly_higher(end[:shared], costs, comparisons=len(rows), noteworthy=CLEAR):
@@ -128,11 +129,6 @@ def _of_evaluations(
             f"{costs.mean():.4g} instead of {end[:shared].mean():.4g} on the same {shared} "
             "episodes; select=best_evaluated chooses among them."
         )
-
-
-def _failure_last(cost: float) -> float:
-    """Return the cost to sort by: infinity where it is not finite, as NaN has no place."""
-    return cost if np.isfinite(cost) else np.inf
 
 
 def _of_the_acceptance_test(result: Mapping[str, Any]) -> Iterator[str]:
