@@ -41,7 +41,7 @@ GROUPS = (
 OPTIONAL_GROUPS = {"preset": "tuner", "fidelity/task": "task", "fidelity/tuner": "tuner"}
 """Group -> the key whose options it sets, for some choices only."""
 
-# Overrides that say which run this is; `records.WITHOUT_EFFECT` cannot change its numbers.
+# Overrides that say which run this is; keys of `WITHOUT_EFFECT` cannot change its numbers.
 NOT_A_VARIANT = ("task", "tuner", "seed", "launcher", "method", "experiment")
 
 # How lines of Hydra's messages begin that say nothing to a user.

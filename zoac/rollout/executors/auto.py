@@ -17,7 +17,8 @@ import numpy as np
 from zoac.core.errors import UnsavableError, WorkerError
 from zoac.core.segments import Proposal, Segment
 from zoac.core.types import Count
-from zoac.rollout.executors.base import Executor, Method, Serial, nothing
+from zoac.rollout.executors.base import Executor, Serial, nothing
+from zoac.rollout.executors.host import Method
 from zoac.rollout.executors.process import Process, usable_cores
 from zoac.rollout.task import Task
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from zoac.core.segments import Proposal, Segment
 from zoac.core.state import pickled
-from zoac.rollout.executors.base import Executor, Method
+from zoac.rollout.executors.base import Executor
+from zoac.rollout.executors.host import Method
 from zoac.rollout.task import Task
 
 

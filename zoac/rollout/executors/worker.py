@@ -18,7 +18,7 @@ import cloudpickle
 
 from zoac.core.errors import WorkerError, ZoacError
 from zoac.core.state import pickled
-from zoac.rollout.executors.base import Method, RolloutHost
+from zoac.rollout.executors.host import Method, RolloutHost
 from zoac.rollout.executors.step_watch import Call, StepClock
 from zoac.rollout.task import Task
 
