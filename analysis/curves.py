@@ -8,6 +8,7 @@ four methods the interval stands right of the curves, at the end alone.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -135,9 +136,12 @@ def all_panels(
         studies = all("study" in run.identity for run in of_task)
         for name in [metric] if metric else ["cost_mean", "prediction_error"]:
             if name in _logged(of_task):
-                curves = (_curve(group, name, against, episodes, statistic) for group in groups)
+                curves = [_curve(group, name, against, episodes, statistic) for group in groups]
                 if drawn := tuple(c for c in curves if c is not None):
                     panels.append(Panel(base, name, drawn, tuner_names(runs), studies, episodes))
+                    for group, curve in zip(groups, curves, strict=True):
+                        if curve is None:
+                            print(f"left out {_lacking(group, name, against)}", file=sys.stderr)
     if not panels:
         raise _without_curves(runs, metric or "cost_mean", against)
     return panels
@@ -147,11 +151,15 @@ def _without_curves(runs: Sequence[Run], metric: str, against: str) -> ConfigErr
     """Return the error that says why no method has a curve."""
     if metric not in (known := _logged(runs)):
         return ConfigError(f"no run logged {metric!r}; {suggest(metric, known)}")
-    lacking = next(run for run in runs if not len(series(run, metric, against, 1)[0]))
     return ConfigError(
-        f"no method logged {metric!r} against {against} in all of its seeds; seed {lacking.seed} "
-        f"of {lacking.method} did not"
+        f"no method has a curve in all of its seeds: {_lacking(runs, metric, against)}"
     )
+
+
+def _lacking(runs: Sequence[Run], metric: str, against: str) -> str:
+    """Return which method and seed lacks a curve, in words."""
+    run = next(run for run in runs if not len(series(run, metric, against, 1)[0]))
+    return f"{run.method}: seed {run.seed} logged no {metric!r} against {against}"
 
 
 def draw(panels: Sequence[Panel], against: str) -> Figure:

@@ -34,7 +34,7 @@ def parse_space(
             raise ConfigError(f"space: the name of a parameter must be text, got {name!r}")
         where, entry = f"space[{name!r}]", _plain(entry)
         if isinstance(entry, (int, float)):
-            fixed[name] = float(entry)
+            fixed[name] = entry  # a whole number stays one: a controller may count with it
             continue
         if isinstance(entry, Sequence) and not isinstance(entry, str):
             if len(entry) > len(_FIELDS):

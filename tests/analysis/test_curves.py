@@ -77,8 +77,20 @@ def test_a_metric_that_no_method_logged_in_all_seeds_is_refused_with_a_seed(
         write_run(tmp_path, tuner, 0, result={"extra": 1.0})
         write_run(tmp_path, tuner, 1)
     assert main([str(tmp_path), "--metric", "extra"]) == 1
-    told = "no method logged 'extra' against env_steps in all of its seeds; seed 1 of bo on pid_acc"
+    told = "no method has a curve in all of its seeds: bo on pid_acc: seed 1 logged no 'extra'"
     assert told in capsys.readouterr().err
+
+
+def test_a_method_that_lacks_the_metric_in_a_seed_is_left_out_with_a_word(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_run(tmp_path, "zoac", 0, result={"extra": 1.0})
+    write_run(tmp_path, "bo", 0, result={"extra": 1.0})
+    write_run(tmp_path, "bo", 1)
+    (panel,) = all_panels(load(tmp_path), metric="extra")
+    assert [curve.method.tuner for curve in panel.curves] == ["zoac"]
+    told = "left out bo on pid_acc: seed 1 logged no 'extra' against env_steps\n"
+    assert capsys.readouterr().err.endswith(told)
 
 
 def test_unfinished_runs_are_not_averaged(tmp_path: Path) -> None:

@@ -140,9 +140,10 @@ def test_fixed_parameters_reach_the_controller():
         seen.update(params)
         return 0.0
 
-    space = {"k": (0.0, 1.0), "bias": 2.5}
+    space = {"k": (0.0, 1.0), "bias": 2.5, "steps": np.int64(3), "clip": True}
     make_group([0], act, space=space).rollout(plan([0], horizon=1))
-    assert seen == {"k": pytest.approx(0.55), "bias": 2.5}
+    assert seen == {"k": pytest.approx(0.55), "bias": 2.5, "steps": 3, "clip": True}
+    assert [type(seen[name]) for name in ("bias", "steps", "clip")] == [float, int, bool]
 
 
 class Batched:

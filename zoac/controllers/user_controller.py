@@ -163,7 +163,7 @@ class WithFixed:
         self, params: Parameters, obs: np.ndarray, memory: Memory
     ) -> tuple[np.ndarray, Memory, Diagnostics]:
         """See `Controller.act`."""
-        fixed = {name: np.full(len(obs), value) for name, value in self._fixed.items()}
+        fixed = {name: np.full(len(obs), float(v)) for name, v in self._fixed.items()}
         return self._controller.act({**params, **fixed}, obs, memory)
 
     @property
