@@ -17,6 +17,7 @@ TUNERS = {
     "bo": "BO",
     "cmaes": "CMA-ES",
     "cmaes_full": "CMA-ES (full, mean)",
+    "cmaes_plus": "CMA-ES+",
     "es": "ES",
     "random": "Random search",
     "nominal": "Nominal",

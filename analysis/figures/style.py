@@ -60,6 +60,7 @@ LOOKS = {
     "bo": Look("#D55E00", _dashes(4, 1.5), "^"),
     "cmaes": Look("#009E73", _dashes(6, 1.5, 1, 1.5), "D"),
     "cmaes_full": Look("#E69F00", _dashes(1, 0.7), "P"),
+    "cmaes_plus": Look("#117733", _dashes(6, 1, 2, 1), "h"),
     "es": Look("#332288", _dashes(2, 2), "X"),
     "random": Look("#999933", _dashes(3, 3, 1, 3), "<"),
     "nevergrad": Look("#882255", _dashes(2, 1), ">"),

@@ -21,11 +21,10 @@ from tests.baselines.support import (
     tuner_config,
 )
 from tests.support import needs_its_library
-from zoac.config.factory import baseline_use, build
+from zoac.config.factory import baseline_use, build_tuner_for
 from zoac.config.settings import Settings
 from zoac.core.errors import ConfigError
 from zoac.core.state import decode, encode
-from zoac.core.tuner import Tuner
 
 NAMES = sorted(path.stem for path in (CONF / "tuner").glob("*.yaml"))
 NEED_A_PICKLE = {"bo", "optuna"}  # docs/resuming.md names them
@@ -42,8 +41,8 @@ OPTIONS = {
 def make(name, seed=0, episodes=None):
     config = tuner_config(name) | OPTIONS.get(name, {})
     try:
-        return build(
-            config, "tuner", Tuner, problem=problem(seed, episodes or EPISODES.get(name, 600))
+        return build_tuner_for(
+            config, problem(seed, episodes or EPISODES.get(name, 600)), Settings()
         )
     except ConfigError as error:
         if "pip install" in str(error):
@@ -131,7 +130,7 @@ def test_a_tuner_that_is_given_start_values_begins_there_or_says_that_it_only_co
         config["recommendation"] = recommendation
     takes_a_start = "start" in config
     config |= {"start": "baseline"} if takes_a_start else {}
-    tuner = build(config, "tuner", Tuner, problem=problem(start=START, baseline=START))
+    tuner = build_tuner_for(config, problem(start=START, baseline=START), Settings())
     told = baseline_use(config, SimpleNamespace(baseline={"a": 0.0}), Settings())["baseline values"]
     if not takes_a_start:
         assert told == NOT_THE_START
@@ -181,7 +180,9 @@ def test_costs_that_are_not_finite_do_not_break_it(name, when):
 
 
 # Of the others, those that recommend a point that they evaluated.
-RECALLING = [n for n in SEARCHING if n not in ("es", "zoac", "zoac_plus", "cmaes_full")]
+RECALLING = [
+    n for n in SEARCHING if n not in ("es", "zoac", "zoac_plus", "cmaes_full", "cmaes_plus")
+]
 
 
 @pytest.mark.parametrize("bad", ["violates", -np.inf])

@@ -6,7 +6,8 @@ import pytest
 import zoac
 from tests.support import CountingTask
 from zoac import specs
-from zoac.config.auto_tuner import MAX_COORDINATES, MIN_EPISODES, settled, tuner_for
+from zoac.config import auto_tuner
+from zoac.config.auto_tuner import MAX_COORDINATES, settled, tuner_for
 from zoac.config.compose import compose_config, resolved
 from zoac.core.errors import ConfigError
 from zoac.core.parameters import Parameter, ParameterSpace
@@ -24,9 +25,8 @@ def task(dimension, with_specs=False):
 @pytest.mark.parametrize(
     ("dimension", "with_specs", "episodes", "name"),
     [
-        (2, False, MIN_EPISODES, "cmaes_full"),
-        (2, False, MIN_EPISODES - 1, "zoac_plus"),
-        (MAX_COORDINATES, False, MIN_EPISODES, "cmaes_full"),
+        (2, False, 1, "cmaes_plus"),
+        (MAX_COORDINATES, False, 10_000, "cmaes_plus"),
         (MAX_COORDINATES + 1, False, 10_000, "zoac_plus"),
         (1, False, 30, "nevergrad"),
         (2, True, 5, "cmaes_full"),
@@ -43,9 +43,9 @@ def test_it_is_chosen_by_parameters_budget_and_specs(dimension, with_specs, epis
 def test_it_is_the_default_and_the_tuner_it_chose_is_recorded():
     result = zoac.tune(task="lqr", budget=40_000, quiet=True, final_episodes=2)
     assert np.isfinite(result.cost_mean)
-    assert zoac.load_result(result.folder).record["tuner"] == "cmaes_full"
+    assert zoac.load_result(result.folder).record["tuner"] == "cmaes_plus"
     told = schema.read_run(result.folder)["tuner_choices"]["auto"]
-    assert told == "cmaes_full with common random numbers, for 2 parameters and 200 episodes"
+    assert told == "cmaes_plus with common random numbers, for 2 parameters and 200 episodes"
 
 
 OPTIONS = ("task=lqr", "tuner=auto", "eval_every=20000", "evaluation.final_episodes=2")
@@ -61,13 +61,14 @@ def test_the_command_line_follows_the_same_rule_and_says_so_in_its_first_lines(t
     twin = zoac.tune(task="lqr", budget=40_000, eval_every=20_000, quiet=True, final_episodes=2)
     assert record["parameters"] == twin.parameters
     run = schema.read_run(tmp_path / "lqr" / "auto" / "seed=0")
-    told = "cmaes_full with common random numbers, for 2 parameters and 200 episodes"
+    told = "cmaes_plus with common random numbers, for 2 parameters and 200 episodes"
     assert run["tuner_choices"]["auto"] == told
     assert run["config"]["tuner"]["_target_"].endswith("CmaEs")
     assert capsys.readouterr().out.splitlines()[1] == f"  auto: {told}"
 
 
-def test_the_choice_has_the_options_that_suit_the_task_and_the_fidelity():
+def test_the_choice_has_the_options_that_suit_the_task_and_the_fidelity(monkeypatch):
+    monkeypatch.setattr(auto_tuner, "MAX_COORDINATES", 3)
     config = resolved(compose_config(["task=pid_acc", "tuner=auto", "budget=5000"]))
     groups = {"task": "pid_acc", "tuner": "auto", "fidelity": "authors_code"}
     found, choice = settled(config, zoac.make_task("pid_acc"), groups)

@@ -19,9 +19,10 @@ from zoac.algorithm.strategies.initial_design import CommonRandomNumbers, Initia
 from zoac.algorithm.strategies.successive_halving import SuccessiveHalving
 from zoac.config import factory
 from zoac.config.compose import compose_config, resolved
+from zoac.config.settings import Settings
 from zoac.core.errors import ConfigError
 from zoac.core.state import decode, encode
-from zoac.core.tuner import Problem, Tuner
+from zoac.core.tuner import Problem
 
 BUDGET, NUM_ENVS, STEPS = 210, 4, 7
 SMALL_BUDGET = 120  # for tuners whose asks take seconds: two or three batches by their model
@@ -61,7 +62,7 @@ def make(strategy, tuner):
     baseline = CountingTask.space.normalise(CountingTask.baseline)
     problem = Problem(CountingTask.space, 3, NUM_ENVS, budget_of(tuner), STEPS, 0, start=baseline,
                       baseline=baseline)  # fmt: skip
-    return MAKE[strategy](problem, lambda p: factory.build(node, "tuner", Tuner, problem=p))
+    return MAKE[strategy](problem, lambda p: factory.build_tuner_for(node, p, Settings()))
 
 
 def run(made, budget=BUDGET, remake=None):
@@ -127,6 +128,25 @@ def test_a_strategy_of_ones_own_is_named_by_its_target():
     assert isinstance(made, CommonRandomNumbers)
 
 
+HALVING = "zoac.algorithm.strategies.successive_halving.SuccessiveHalving"
+
+
+@pytest.mark.parametrize("setting", ["initial_samples=4", "initial_sigma=0.1"])
+def test_a_run_that_says_where_to_begin_has_no_successive_halving(setting):
+    made = composed("tuner=cmaes_plus", setting)
+    assert isinstance(made, FinalSelection)
+    assert "halving" not in made.describe()["start"]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [([], ""), (["tuner.start=baseline"], ", the baseline values take part")],
+)
+def test_the_tuners_start_takes_part_in_successive_halving(overrides, told):
+    made = composed("tuner=cmaes_plus", *overrides)
+    assert made.describe()["start"] == f"successive halving, 30% of the budget{told}"
+
+
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
@@ -135,12 +155,12 @@ def test_a_strategy_of_ones_own_is_named_by_its_target():
         (["+tuner.strategies.final_selection=5"], "final_selection=5: expected its options"),
         (["+tuner.strategies.mine._target_=os.getcwd"], "tuner.strategies.mine._target_"),
         (
-            ["+tuner.strategies.successive_halving={}", "initial_samples=4"],
-            "successive_halving and initial_samples=4: each looks for a start",
+            [f"+tuner.strategies.mine._target_={HALVING}", "initial_samples=4"],
+            "mine and initial_samples=4: each looks for a start",
         ),
         (["+tuner.strategies.final_selection.fraction=2"], "tuner.strategies.final_selection.frac"),
         (["tuner=random", "+tuner.strategies.successive_halving={}"], "this tuner takes none"),
-        (["+tuner.strategies.successive_halving={}", "initial_sigma=0.1"], "initial_sigma gives"),
+        (["initial_samples=4", "initial_sigma=0.1"], "initial_sigma gives"),
         (["+tuner.strategies.mine._target_=zoac.baselines.es.EvolutionStrategy"], "mine._target_"),
     ],
 )

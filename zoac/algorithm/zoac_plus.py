@@ -217,3 +217,4 @@ class ZoacPlus(TunerStrategy):
             )
 
         super().__init__(problem, with_halving)
+        self.display_name = PairedZoac.display_name

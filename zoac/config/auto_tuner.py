@@ -17,9 +17,6 @@ MAX_COORDINATES = 20
 
 COMMON = {"common_random_numbers": True}
 
-MIN_EPISODES = 200
-"""Fewer end before CMA-ES has learned a covariance."""
-
 
 @dataclass(frozen=True)
 class Choice:
@@ -43,9 +40,9 @@ class Choice:
 def tuner_for(task: Task, budget: float) -> Choice:
     """Return the tuner that "auto" stands for.
 
-    Specs are judged over whole episodes, so CMA-ES tunes what has some. It also tunes a few gains
-    with a budget for many episodes, compared on common random numbers. Differential evolution
-    takes its place for a single parameter. Everything else is tuned by successive halving and ZOAC.
+    Specs are judged over whole episodes, so CMA-ES tunes what has some. Without specs, successive
+    halving finds its start and held-out episodes choose its answer. Differential evolution takes
+    its place for a single parameter, and ZOAC for many.
 
     Args:
         task: What is tuned.
@@ -59,8 +56,8 @@ def tuner_for(task: Task, budget: float) -> Choice:
     because = f"{size} and {episodes:,} episodes"
     if dimension == 1:
         return Choice("nevergrad", because, COMMON)
-    if dimension <= MAX_COORDINATES and episodes >= MIN_EPISODES:
-        return Choice("cmaes_full", because, COMMON)
+    if dimension <= MAX_COORDINATES:
+        return Choice("cmaes_plus", because, COMMON)
     return Choice("zoac_plus", because)
 
 

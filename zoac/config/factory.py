@@ -158,7 +158,7 @@ def _with_strategies(
         around.append(partial(AcceptanceTest, fraction=settings.acceptance_test))
     if settings.select == "best_evaluated":
         around.append(partial(best_evaluated, every=settings.eval_every))
-    named = _named_strategies(node)
+    named = _strategies_of(node, settings)
     around += [partial(_build_strategy, name, part) for name, part in named.items()]
     around += of_task
     if settings.common_random_numbers:
@@ -205,6 +205,21 @@ def _named_strategies(node: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     return nodes
 
 
+def _strategies_of(node: Mapping[str, Any], settings: Settings) -> dict[str, dict[str, Any]]:
+    """Return those of a tuner's node that a run has, by name.
+
+    A run that says where to begin needs no successive halving; otherwise the tuner's own start
+    takes part in it.
+    """
+    named = _named_strategies(node)
+    if settings.initial_sigma is not None or settings.initial_samples is not None:
+        named.pop("successive_halving", None)
+    elif "successive_halving" in named and "start" in node:
+        start = "baseline" if node["start"] == "baseline" else "random"
+        named["successive_halving"] = {"start": start, **named["successive_halving"]}
+    return named
+
+
 def _build_strategy(name: str, node: Mapping[str, Any], problem: Problem, begin: Begin) -> Tuner:
     where = f"tuner.strategies.{name}"
     return build(node, where, TunerStrategy, problem=problem, begin=begin)
@@ -247,12 +262,13 @@ def baseline_use(node: Mapping[str, Any], task: Task, settings: Settings) -> dic
     if task.baseline is None:
         return {}
     begins = settings.initial_sigma is not None or node.get("start") == "baseline"
-    if not begins or _start_searches(_named_strategies(node), settings):
+    halved = "successive_halving" in (named := _strategies_of(node, settings))
+    if not begins or (not halved and _start_searches(named, settings)):
         told = "compared with the answer; the search does not begin there"
         more = " (with tuner.start=baseline it does)" if "start" in node else ""
     else:
         told = "the search begins there"
-        halved = settings.initial_sigma is None and node.get("halving_fraction")
+        halved |= settings.initial_sigma is None and bool(node.get("halving_fraction"))
         more = ", if they win against random points" if halved else ""
     return {"baseline values": told + more}
 

@@ -83,6 +83,7 @@ class SuccessiveHalving(StartSearch):
         self._points = np.empty((0, dimension))
         self._ranked = self._first[None].copy()  # the better half of the last round, best first
         super().__init__(problem, begin)
+        self.display_name += " after halving"
 
     @property
     def _looking(self) -> bool:
