@@ -9,6 +9,7 @@ from gymnasium.spaces import Box
 import zoac
 
 STATES, DT, TRACK = ["position", "speed", "angle", "rate"], 0.05, 1.0  # [s], [m] to each side
+STEPS = 80  # of an episode
 
 
 def cart_pole(x, u, p):
@@ -33,14 +34,19 @@ class CartPole(gymnasium.Env):
         super().reset(seed=seed)
         start = self.np_random.uniform(-1.0, 1.0, 4) * (0.3, 0.3, 0.1, 0.2)
         self.x = np.append(start, self.np_random.choice([-1.0, 1.0]) * (TRACK - 0.05))
+        self.left = STEPS
         return self.x.copy(), {}
 
     def step(self, action):
-        """Push for DT; distance to the target, angle and effort cost, and leaving the track."""
+        """Push for DT; distance to the target, angle and effort cost, and leaving the track.
+
+        The earlier it is left, the more that costs: at one price, to leave it at once is cheapest.
+        """
+        self.left -= 1
         self.x[:4] = GUESS.predict(np.array([[0.3, 0.8]]), self.x[None, :4], action[None])[0]
         lost = bool(abs(self.x[0]) > TRACK or abs(self.x[2]) > 1.0)
         cost = (self.x[0] - self.x[4]) ** 2 + 0.1 * self.x[2] ** 2 + 1e-4 * action[0] ** 2
-        return self.x.copy(), -float(cost) - 100.0 * lost, lost, False, {}
+        return self.x.copy(), -float(cost) - 5.0 * self.left * lost, lost, False, {}
 
 
 if __name__ == "__main__":
@@ -53,7 +59,7 @@ if __name__ == "__main__":
     )  # fmt: skip
     result = zoac.tune(
         env=CartPole, controller=mpc, space=mpc.space("weight", "model", within=10.0),
-        budget=parser.parse_args().budget, max_episode_steps=80, select="best_evaluated",
-        final_episodes=100, quiet=True,
+        budget=parser.parse_args().budget, max_episode_steps=STEPS, final_episodes=100,
+        quiet=True,
     )  # fmt: skip
     print(result, "\nepisodes that left the track, of 100:", result.record["terminations"])
