@@ -14,8 +14,9 @@ from typing import Any
 import casadi
 import numpy as np
 
-TO_BOUNDARY = 0.995
-"""How far towards the boundary a step may go."""
+TO_BOUNDARY = 0.9, 0.995
+"""How far towards the boundary a step may go: at first, and where the predictor's step is a whole
+one. With the second number always, a few programmes run along the boundary without end."""
 
 
 def functions(rows: Any, soft: np.ndarray) -> tuple[Any, Any]:
@@ -83,5 +84,6 @@ def _iterate(data: dict[str, Any], state: dict[str, Any], scale: Any, soft: Any)
     ahead = casadi.dot(y + alpha * dy, t + alpha * dt) + casadi.dot(p + alpha * dp, s + alpha * ds)
     target = gap / count * (ahead / gap) ** 3
     step = direction(target - dy * dt, target - dp * ds)
-    alpha = casadi.fmin(1.0, TO_BOUNDARY * longest(step))
+    fraction = TO_BOUNDARY[0] + alpha * (TO_BOUNDARY[1] - TO_BOUNDARY[0])
+    alpha = casadi.fmin(1.0, fraction * longest(step))
     return [*(x + alpha * dx for x, dx in zip(state.values(), step, strict=True)), residual]
