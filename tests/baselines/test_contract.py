@@ -30,7 +30,7 @@ NAMES = sorted(path.stem for path in (CONF / "tuner").glob("*.yaml"))
 NEED_A_PICKLE = {"bo", "optuna"}  # docs/resuming.md names them
 SEARCHING = [name for name in NAMES if name != "nominal"]
 # Asks of bo are slow. The other sampler of optuna runs in test_bayes.py.
-EPISODES = {"bo": 25, "optuna": 100, "cmaes": 400, "nevergrad": 300, "botorch": 20, "smac": 40}
+EPISODES = {"bo": 25, "optuna": 100, "cmaes": 400, "nevergrad": 300, "botorch": 15, "smac": 40}
 OPTIONS = {
     "optuna": {"sampler": "tpe"},
     "botorch": {"initial_design": 5},
@@ -96,11 +96,11 @@ def test_a_restored_tuner_continues_bit_for_bit(name):
 def test_recommending_and_describing_change_nothing(name):
     watched, left_alone = make(name), make(name)
     group, other_group = engine(), engine()
-    for _ in range(3):
+    for _ in range(2):  # the first points of a model are asked for in the second
         watched.recommend()
         watched.describe()
-        one = drive(watched, group, short(name) // 3)
-        assert same(one, drive(left_alone, other_group, short(name) // 3))
+        one = drive(watched, group, short(name) // 2)
+        assert same(one, drive(left_alone, other_group, short(name) // 2))
 
 
 @pytest.mark.parametrize("name", NAMES)

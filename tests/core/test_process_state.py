@@ -74,7 +74,7 @@ def test_tuning_changes_nothing_whoever_tunes():
     import zoac
     for tuner in {TUNERS}:
         options = {{"initial_design": 5}} if tuner in {EXTRAS} else {{}}
-        zoac.tune(task="lqr", tuner=tuner, budget=3000, num_envs=5, quiet=True, episodes=1,
+        zoac.tune(task="lqr", tuner=tuner, budget=1500, num_envs=5, quiet=True, episodes=1,
                   final_episodes=1, tuner_options=options)
     """
     assert run(code + CHANGED) == []

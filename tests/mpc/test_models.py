@@ -93,12 +93,14 @@ def test_an_environment_has_its_own_bits(name) -> None:
     [
         MODELS["casadi"],
         MODELS["complex"],
+        # By finite differences, as numba would take longer to compile a complex step.
         FunctionModel(
-            ["a"], ["u"], {"c": 2.0}, step=numba.njit(lambda x, u, p: (x.a + p.c * u.u,))
+            ["a"], ["u"], {"c": 2.0}, jacobians="finite",
+            step=numba.njit(lambda x, u, p: (x.a + p.c * u.u,)),
         ),
     ],
     ids=["casadi", "numpy", "numba"],
-)
+)  # fmt: skip
 def test_a_copy_is_the_same_model(model) -> None:
     rng, nx, count = np.random.default_rng(0), len(model.states), len(model.parameters)
     arguments = rng.uniform(0.1, 1.0, (2, count)), rng.normal(size=(2, nx)), np.ones((2, 3, 1))

@@ -13,6 +13,7 @@ from zoac.mpc.problem import LinearisedProblem, Solution, Sparsity, Status
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.riccati import Riccati
 from zoac.mpc.sqp import MAX_LINEARISATIONS, MpcOptions, Objective, Plan, SequentialQp
+from zoac.tasks.mpc_tracking.vehicle import TRUE_PARAMETERS, BicycleModel
 
 HORIZON = 3
 
@@ -193,19 +194,19 @@ def test_a_model_that_is_less_sparse_than_it_says_is_told_so(a, b, named, monkey
     assert named in str(caught.value)
 
 
-class Bounded(Pendulum):
-    """The pendulum with a second, weak torque, and the bounds that a test gives."""
+class Bounded(BicycleModel):
+    """The paper's vehicle, inputs in a unit of their own, with the bounds that a test gives.
 
-    sparsity = Sparsity(a=np.ones((2, 2), bool), b=np.array([[0, 0], [1, 1]], bool))
+    A small model of two inputs would be one more size for Riccati, which takes long to compile.
+    """
 
     def __init__(self, low, high, unit: float = 1.0) -> None:
         self.input_low, self.input_high = np.array(low) * unit, np.array(high) * unit
-        self._gain = np.array([1.0, 0.5]) / unit
+        self._unit = unit
 
     def linearise(self, theta, start, inputs):
-        torque = (inputs * self._gain).sum(axis=2, keepdims=True)
-        states, a, b = super().linearise(theta, start, torque)
-        return states, a, b * self._gain
+        states, a, b = super().linearise(theta, start, inputs / self._unit)
+        return states, a, b / self._unit
 
 
 @pytest.mark.parametrize("solver", [ClarabelSolver, Riccati])
@@ -224,12 +225,14 @@ def test_until_converged_is_the_nonlinear_optimum_whatever_the_bounds(
 ) -> None:
     """Against SciPy on the nonlinear problem itself; inputs in units, milli- and megaunits."""
     model, horizon = Bounded(low, high, unit), 8
+    goal = np.array([0.0, 0.0, 0.0, 18.0, 0.0, 0.0])
+    weights = np.array([0.0, 1.0, 1.0, 1.0, 0.1, 0.1])
     objective = Objective(
-        np.zeros((1, horizon, 2)),
-        np.ones((1, horizon, 2)),
+        np.tile(goal, (1, horizon, 1)),
+        np.tile(weights, (1, horizon, 1)),
         np.full((1, horizon, 2), 0.1) / unit**2,
     )
-    start, theta = np.array([[2.5, 0.0]]), np.full((1, 1), 0.4)
+    start, theta = np.array([[0.0, 2.0, 1.0, 15.0, 1.0, 1.0]]), np.array([TRUE_PARAMETERS])
     guess = np.tile(np.clip(0.0, model.input_low, model.input_high), (1, horizon, 1))
     plan = SequentialQp(model, solver(), "converged").plan(theta, start, objective, guess)
     assert plan.status == [Status.SOLVED]
@@ -238,9 +241,10 @@ def test_until_converged_is_the_nonlinear_optimum_whatever_the_bounds(
     def residuals(inputs):
         inputs = inputs.reshape(1, horizon, 2) * unit
         states, _, _ = model.linearise(theta, start, inputs)
-        return np.concatenate([states[0, 1:].ravel(), np.sqrt(0.1) / unit * inputs[0].ravel()])
+        errors = np.sqrt(weights) * (states[0, 1:] - goal)
+        return np.concatenate([errors.ravel(), np.sqrt(0.1) / unit * inputs[0].ravel()])
 
     wide = np.tile(np.array(low), horizon), np.tile(np.array(high) + 1e-9, horizon)
     at = np.clip(plan.inputs[0].ravel() / unit, *wide)
-    best = least_squares(residuals, at, bounds=wide, xtol=1e-15, ftol=1e-15, gtol=1e-12)
+    best = least_squares(residuals, at, "3-point", wide, xtol=1e-15, ftol=1e-15, gtol=1e-12)
     np.testing.assert_allclose(plan.inputs[0].ravel() / unit, best.x, atol=1e-5)

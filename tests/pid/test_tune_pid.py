@@ -15,6 +15,7 @@ from zoac import specs
 from zoac.core.errors import ConfigError
 from zoac.pid import tuning
 from zoac.pid.__main__ import from_file, main
+from zoac.tasks.pid_loop import design
 from zoac.tasks.suite.loops import Plant
 
 control = pytest.importorskip("control")
@@ -55,7 +56,8 @@ def few(monkeypatch):
 @pytest.fixture
 def very_few(few, monkeypatch):
     """Where it does not matter how good the answer is."""
-    monkeypatch.setattr(tuning, "EPISODES", 80)
+    monkeypatch.setattr(tuning, "EPISODES", 40)
+    monkeypatch.setattr(design, "MAX_STEPS", 200)
 
 
 def test_the_answer_keeps_specs_that_ziegler_and_nichols_break():

@@ -2,6 +2,7 @@
 
 import math
 import sys
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,7 +20,9 @@ NEEDS = {"loop": "control", "lunar": "Box2D", "swimmer": "mujoco", "reacher": "m
          "half_cheetah": "mujoco"}  # fmt: skip
 
 
+@cache
 def made(name):
+    """Return the problem; the tests share it, since some are designed for a while."""
     for part, module in NEEDS.items():
         if part in name:
             pytest.importorskip(module, reason=f"{name} needs {module}")

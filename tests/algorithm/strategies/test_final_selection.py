@@ -185,7 +185,7 @@ def test_another_word_is_refused():
 def test_a_run_killed_at_any_batch_gives_the_bits_of_one_that_was_not(tuner, tmp_path):
     """With selection and acceptance test, through checkpoints."""
     overrides = [f"tuner={tuner}", "acceptance_test=0.3", "select=best_evaluated",
-                 "budget=1500", "num_envs=4",
+                 "budget=900", "num_envs=4",
                  "eval_every=200", "evaluation.episodes=2",
                  "evaluation.final_episodes=3"]  # fmt: skip
     config = resolved(compose_config(overrides))
