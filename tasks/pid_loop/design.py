@@ -67,6 +67,12 @@ def designed(
     today, remarks = _today(design, baseline)
     timed = [spec.max for spec in specs if spec.name in OF_THE_STEP and spec.unit == "s"]
     limit = max([0.0, *(limit for limit in timed if limit is not None)])
+    delay = max(design.dead_times)
+    remarks += [
+        f"{spec} <= {spec.max:g} s: nothing settles within the dead time, {delay:g} s."
+        for spec in specs
+        if spec.name == "settling_time" and spec.max is not None and spec.max <= delay
+    ]
     _long_enough(design, limit)
     tried = [*([today] if today else []), *candidates(design)]
     best, steps = screened(design, tried)

@@ -122,6 +122,15 @@ def test_a_rule_without_an_answer_gives_way_and_says_so():
 
 
 @pytest.mark.usefixtures("very_few")
+@pytest.mark.parametrize(("limit", "told"), [(0.4, True), (0.6, False)])
+def test_a_settling_time_within_the_dead_time_is_said_to_be_out_of_reach(limit, told):
+    result = zoac.tune_pid(control.tf([1], [1, 1]), dead_time=0.5, sample_time=0.1,
+                           specs=[specs.settling_time("y", "r", max=limit)])  # fmt: skip
+    message = "nothing settles within the dead time, 0.5 s."
+    assert any(message in warning for warning in result.warnings) == told
+
+
+@pytest.mark.usefixtures("very_few")
 @pytest.mark.parametrize("structure", ["P", "PD", "PID"])
 def test_other_structures_have_their_parameters(structure, tmp_path):
     plant = control.tf([1], [1, 1, 0]) if structure != "PID" else lags()
