@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import zoac
+from stress.bad_inputs import Case, message
 
 SMALL = (
     "task=pendulum", "tuner=random", "budget=400", "num_envs=2", "eval_every=400",
@@ -128,6 +129,13 @@ def test_a_program_without_a_console_tunes(tmp_path):
     done = python(str(script), cwd=tmp_path)
     assert done.returncode == 0
     assert (tmp_path / "run" / "result.json").is_file()
+
+
+def test_a_tilde_is_the_home_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    typed = Case(" ".join([*SMALL, "runs_dir=~/mine"]), ())
+    assert message(typed) == (0, "")
+    assert list((tmp_path / "mine").rglob("result.json"))
 
 
 def test_a_tilde_is_the_home_folder_in_python(tmp_path, monkeypatch):
