@@ -55,9 +55,8 @@ def test_the_program_of_a_run_of_tune(tmp_path: Path) -> None:
 
 
 def test_the_program_of_a_run_of_tune_on_a_task_of_zoac(tmp_path: Path) -> None:
-    zoac.tune(task="pid_acc", tuner="zoac", budget=120, seed=2, episodes=1, final_episodes=2,
-              tuner_options={"exploration": {"sigma": 0.2}}, quiet=True,
-              folder=tmp_path / "run")  # fmt: skip
+    zoac.tune(task="pid_acc", tuner="es", budget=120, seed=2, episodes=1, final_episodes=2,
+              tuner_options={"population": 4}, quiet=True, folder=tmp_path / "run")  # fmt: skip
     called([sys.executable, "-c", way(tmp_path / "run", tmp_path / "out")], tmp_path)
     assert outcome(tmp_path / "again") == outcome(tmp_path / "run")
 

@@ -90,6 +90,8 @@ def foreign(request: pytest.FixtureRequest, tmp_path: Path, trace: Path) -> Path
     return root
 
 
+# Each command by each way to a task; the test of the film below goes through all kinds.
+@pytest.mark.parametrize("foreign", ["pickle", "module", "env"], indirect=True)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_no_command_runs_what_a_folder_holds_or_names(
     command: str, foreign: Path, trace: Path, capsys: pytest.CaptureFixture[str]
@@ -149,10 +151,13 @@ def choices(group: str) -> list[str]:
     return sorted(path.stem for path in (ROOT / "conf" / group).glob("*.yaml"))
 
 
-@pytest.mark.parametrize("solver", choices("mpc_solver"))
-@pytest.mark.parametrize("task", [name for name in choices("task") if name != "program"])
-def test_no_task_of_zoac_needs_trust_code(task: str, solver: str) -> None:
-    config = resolved(compose_config([f"task={task}", f"mpc_solver={solver}"]))
+@pytest.mark.parametrize(
+    "override",
+    [f"task={name}" for name in choices("task") if name != "program"]
+    + [f"mpc_solver={name}" for name in choices("mpc_solver")],
+)
+def test_no_task_or_solver_of_zoac_needs_trust_code(override: str) -> None:
+    config = resolved(compose_config(["task=mpc_tracking", override]))
     assert foreign_code(config["task"]) == []
 
 

@@ -6,6 +6,7 @@ import sys
 import time
 from pathlib import Path
 
+from tests import commands
 from zoac.core.measures import CLOCKS
 
 ROOT = Path(__file__).parents[2]
@@ -15,13 +16,22 @@ SMALL = [
 ]  # fmt: skip
 
 
+def environment(home):
+    return {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(home)}
+
+
+def alone(*arguments, cwd):
+    """Run a command line in one process to its end; return what `finish` does."""
+    done = commands.run("-m", "zoac.run", *arguments, cwd=cwd, env=environment(cwd))
+    return done.returncode, done.stdout, done.stderr
+
+
 def start(*arguments, cwd):
     """Start a command line without waiting, in a session of its own, as a terminal does."""
     return subprocess.Popen(
         [sys.executable, "-m", "zoac.run", *arguments], cwd=cwd, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd)},
-        start_new_session=True,
+        env=environment(cwd), start_new_session=True,
     )  # fmt: skip
 
 

@@ -183,7 +183,7 @@ from tests.run.test_api import Sized, above
 print(zoac.tune(
     env=partial(Sized, 2.0), controller=lambda p, o: -p["k"] * o[0], space={"k": (0, 2)},
     num_envs=2, constraints={"x": above(1.0)}, metrics={"y": lambda s: s.costs}, budget=100,
-    episodes=1, final_episodes=2, max_episode_steps=20, folder="run",
+    episodes=1, final_episodes=2, max_episode_steps=20, folder="run", tuner="random",
 ).cost_mean)
 """
 

@@ -9,6 +9,9 @@ import textwrap
 import numpy as np
 import pytest
 
+import zoac
+from stress.bad_inputs import Case, message
+
 SMALL = (
     "task=pendulum", "tuner=random", "budget=400", "num_envs=2", "eval_every=400",
     "evaluation.episodes=1", "evaluation.final_episodes=2", "executor=serial",
@@ -24,6 +27,13 @@ def python(*arguments, cwd, **environment):
     return subprocess.run(
         [sys.executable, *arguments],
         cwd=cwd, env=env, capture_output=True, text=True, timeout=200, errors="replace",
+    )  # fmt: skip
+
+
+def tune(**options):
+    return zoac.tune(
+        task="pendulum", tuner="random", budget=400, num_envs=2, episodes=1, final_episodes=2,
+        executor="serial", quiet=True, **options,
     )  # fmt: skip
 
 
@@ -95,8 +105,7 @@ def test_where_compiled_code_cannot_be_kept_one_line_says_so(tmp_path):
 
 def test_a_table_and_a_report_are_written_in_any_encoding(tmp_path):
     for seed in (0, 1):
-        run = python("-m", "zoac.run", *SMALL, f"seed={seed}", "variant=v", cwd=tmp_path)
-        assert run.returncode == 0, run.stderr
+        tune(seed=seed, folder=tmp_path / f"runs/pendulum/random/seed={seed}")
     for command in ("table2", "report"):
         done = python(
             "-m", f"zoac.analysis.{command}", "runs", "--task", "pendulum", "--out", "out",
@@ -122,22 +131,17 @@ def test_a_program_without_a_console_tunes(tmp_path):
     assert (tmp_path / "run" / "result.json").is_file()
 
 
-def test_a_tilde_is_the_home_folder(tmp_path):
-    done = python("-m", "zoac.run", *SMALL, "runs_dir=~/mine", cwd=tmp_path, HOME=str(tmp_path))
-    assert done.returncode == 0, done.stderr
-    assert not (tmp_path / "~").exists()
+def test_a_tilde_is_the_home_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    typed = Case(" ".join([*SMALL, "runs_dir=~/mine"]), ())
+    assert message(typed) == (0, "")
     assert list((tmp_path / "mine").rglob("result.json"))
 
 
 def test_a_tilde_is_the_home_folder_in_python(tmp_path, monkeypatch):
-    import zoac
-
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.chdir(tmp_path)
-    result = zoac.tune(
-        task="pendulum", tuner="random", budget=400, num_envs=2, episodes=1, final_episodes=2,
-        executor="serial", folder="~/mine", quiet=True,
-    )  # fmt: skip
+    result = tune(folder="~/mine")
     assert result.folder == tmp_path / "mine"
     result.export("~/gains.json")
     assert (tmp_path / "gains.json").is_file()
@@ -146,8 +150,6 @@ def test_a_tilde_is_the_home_folder_in_python(tmp_path, monkeypatch):
 
 
 def test_a_callers_errors_of_numpy_are_not_zoacs(tmp_path):
-    import zoac
-
     with np.errstate(all="raise"):
         result = zoac.tune(
             task="pid_acc", tuner="zoac", budget=2000, episodes=1, final_episodes=2,

@@ -18,8 +18,12 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("buffered", [True, False])
+# Hydra prints for one of them, and may be the one that finds the pipe broken: it goes both ways.
+@pytest.mark.parametrize(
+    ("command", "buffered"),
+    [("help", True), ("config", True), ("config", False), ("check", False), ("search", True),
+     ("analysis", False)],
+)  # fmt: skip
 def test_a_reader_that_has_had_enough_gets_no_traceback(command, buffered, tmp_path):
     # With little output the pipe is found broken only when the buffer is written.
     arguments = COMMANDS[command]

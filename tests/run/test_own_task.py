@@ -2,12 +2,12 @@
 
 import json
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from tests import commands
 from zoac.config.compose import compose_config, own_conf
 from zoac.config.validate import locate
 from zoac.core.errors import ConfigError
@@ -30,9 +30,9 @@ def folder(tmp_path, monkeypatch):
 
 
 def run(folder, *arguments, module="zoac.run"):
-    return subprocess.run(
-        [sys.executable, "-m", module, *arguments], cwd=folder, capture_output=True, text=True,
-        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(folder)}, timeout=300,
+    return commands.run(
+        "-m", module, *arguments, cwd=folder,
+        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(folder)},
     )  # fmt: skip
 
 

@@ -1,6 +1,5 @@
 """The command `zoac`."""
 
-import os
 import subprocess
 import sys
 from importlib import import_module
@@ -8,24 +7,40 @@ from importlib import import_module
 import pytest
 
 import zoac
-from zoac.run.subcommands import COMMANDS, completions
+from zoac.run.subcommands import COMMANDS, completions, main
 
 CODE = "import sys; from zoac.run.subcommands import main; main()"
 
 
-def command(*arguments, **environment):
+def command(*arguments):
     return subprocess.run(
-        [sys.executable, "-c", CODE, *arguments], capture_output=True, text=True, check=False,
-        env={**os.environ, **environment},
-    )  # fmt: skip
+        [sys.executable, "-c", CODE, *arguments], capture_output=True, text=True, check=False
+    )
 
 
 def test_every_command_is_a_module_with_a_main():
     assert all(callable(import_module(module).main) for module, _ in COMMANDS.values())
 
 
-def test_the_version_is_zoacs():
-    assert command("--version").stdout == f"zoac {zoac.__version__}\n"
+@pytest.fixture
+def called(monkeypatch, capsys):
+    """Return a function that calls the command in this process, for what it prints."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["zoac", *arguments])
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code
+        out, err = capsys.readouterr()
+        return (1, out, err + code) if isinstance(code, str) else (code, out, err)
+
+    return call
+
+
+def test_the_version_is_zoacs(called):
+    assert called("--version") == (0, f"zoac {zoac.__version__}\n", "")
 
 
 @pytest.mark.parametrize(
@@ -37,11 +52,17 @@ def test_the_version_is_zoacs():
         (["table2", "nowhere"], "nowhere"),
     ],
 )
-def test_what_is_no_command_gets_one_message(arguments, message):
-    done = command(*arguments)
+def test_what_is_no_command_gets_one_message(arguments, message, called):
+    code, out, err = called(*arguments)
+    assert (code, out) == (1, "")
+    assert message in err
+    assert "Traceback" not in err
+
+
+def test_a_process_ends_with_the_code_and_the_message():
+    done = command("rnu")
     assert (done.returncode, done.stdout) == (1, "")
-    assert message in done.stderr
-    assert "Traceback" not in done.stderr
+    assert done.stderr.startswith("error: unknown command")
 
 
 def test_a_run_by_the_command_is_a_run(tmp_path):
@@ -64,5 +85,6 @@ def test_completion(line, expected):
     assert completions(line) == expected
 
 
-def test_the_shell_asks_for_completions():
-    assert command("--complete", COMP_LINE="zoac run ta").stdout == "task=\n"
+def test_the_shell_asks_for_completions(called, monkeypatch):
+    monkeypatch.setenv("COMP_LINE", "zoac run ta")
+    assert called("--complete") == (0, "task=\n", "")

@@ -2,11 +2,9 @@
 
 import errno
 import json
-import os
 import pickle
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from contextlib import ExitStack
@@ -14,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests import commands
 from tests.support import Traps, with_a_trap
 from zoac.core.errors import ConfigError, ControllerError
 from zoac.runs import checkpoint
@@ -236,9 +235,8 @@ COMMAND = [
 
 
 def start(*arguments, cwd):
-    return subprocess.Popen(
-        [sys.executable, "-m", "zoac.search", *COMMAND, *arguments], cwd=cwd, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    return commands.Started(
+        "-m", "zoac.search", *COMMAND, *arguments, cwd=cwd,
         env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd)},
     )  # fmt: skip
 
@@ -262,7 +260,7 @@ def test_a_killed_process_loses_nothing_and_two_share_a_study(tmp_path):
     victim = start("budget=8000", cwd=parts)
     while not list(parts.rglob("current.ckpt")) and victim.poll() is None:
         time.sleep(0.01)
-    os.kill(victim.pid, signal.SIGKILL)
+    victim.send_signal(signal.SIGKILL)
     victim.communicate()
     assert not list(parts.rglob("result.json"))
     both = [start("budget=8000", cwd=parts) for _ in range(2)]

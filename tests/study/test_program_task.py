@@ -1,13 +1,13 @@
 """`task=program` on the command line runs experiments, and nothing else."""
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 import zoac
+from tests import commands
 from zoac.config.compose import compose_config, resolved
 from zoac.config.factory import PROGRAM
 from zoac.config.validate import locate
@@ -40,11 +40,9 @@ def tuned(tmp_path):
     (tmp_path / "simulate.py").write_text(SIMULATE)
 
     def run(*arguments, module="zoac.run"):
-        return subprocess.run(
-            [sys.executable, "-m", module, *OVERRIDES, *arguments], cwd=tmp_path,
-            capture_output=True, text=True,
+        return commands.run(
+            "-m", module, *OVERRIDES, *arguments, cwd=tmp_path,
             env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)},
-            timeout=300, check=False,
         )  # fmt: skip
 
     return run

@@ -3,8 +3,6 @@
 import json
 import os
 import random
-import subprocess
-import sys
 import threading
 import time
 
@@ -12,6 +10,7 @@ import pandas as pd
 import pytest
 
 import zoac
+from tests import commands
 from tests.support import needs_its_library
 from zoac.analysis import curves, report
 from zoac.config.files import configuration
@@ -319,8 +318,7 @@ for trial in study:
     study.tell(trial, trial.parameters["kp"])
     print(trial.number)
 """
-    running = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-               for _ in range(4)]  # fmt: skip
+    running = [commands.Started("-c", code, cwd=tmp_path) for _ in range(4)]
     while len(list(tmp_path.glob("ready-*"))) < 4:
         assert all(process.poll() is None for process in running)
         time.sleep(0.01)

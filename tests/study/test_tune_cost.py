@@ -30,8 +30,18 @@ def tune(cost, **options):
     return zoac.tune(cost=cost, **{**given, **options})
 
 
-@pytest.mark.parametrize(("workers", "acceptance_test"), [(1, None), (3, 0.2), (1, 0.25)])
-@pytest.mark.parametrize("tuner", ["random", "cmaes", "cmaes_full", "es"])
+@pytest.mark.parametrize(
+    ("tuner", "workers", "acceptance_test"),
+    [
+        ("random", 1, None),
+        ("random", 3, 0.2),
+        ("cmaes", 1, None),
+        ("cmaes", 1, 0.25),
+        ("cmaes_full", 3, 0.2),
+        ("es", 1, 0.25),
+        ("es", 3, 0.2),
+    ],
+)
 def test_sixty_experiments_are_sixty_calls(tuner, acceptance_test, workers):
     cost = Counted()
     result = tune(cost, tuner=tuner, acceptance_test=acceptance_test, workers=workers)
