@@ -168,7 +168,7 @@ def test_a_run_ends_with_the_same_numbers_stopped_before_and_after_the_move(
         monkeypatch.setattr(automatic, "PATIENCE", 0.0 if moves else np.inf)
         return zoac.tune(
             task=zoac.make_task(task, max_episode_steps=20), budget=800, num_envs=4, episodes=2,
-            final_episodes=2, executor=executor, folder=tmp_path / executor,
+            final_episodes=2, executor=executor, folder=tmp_path / executor, tuner="zoac_plus",
             tuner_options={"exploration": {"segment_length": 5, "segments": 4}},
         )  # fmt: skip
 
