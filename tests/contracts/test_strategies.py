@@ -138,6 +138,13 @@ def test_a_run_that_says_where_to_begin_has_no_successive_halving(setting):
     assert "halving" not in made.describe()["start"]
 
 
+def test_a_run_that_says_how_its_answer_is_selected_selects_once():
+    made = composed("tuner=cmaes_plus", "select=best_evaluated", "eval_every=100")
+    assert isinstance(made, FinalSelection)  # of the whole run, around the halving
+    assert isinstance(made._tuner, SuccessiveHalving)
+    assert not isinstance(made._tuner._tuner, FinalSelection)
+
+
 @pytest.mark.parametrize(
     ("overrides", "told"),
     [([], ""), (["tuner.start=baseline"], ", the baseline values take part")],

@@ -208,10 +208,12 @@ def _named_strategies(node: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 def _strategies_of(node: Mapping[str, Any], settings: Settings) -> dict[str, dict[str, Any]]:
     """Return those of a tuner's node that a run has, by name.
 
-    A run that says where to begin needs no successive halving; otherwise the tuner's own start
-    takes part in it.
+    A run that says where to begin needs no successive halving, and one that says how its answer is
+    selected no final selection. Otherwise the tuner's own start takes part in the halving.
     """
     named = _named_strategies(node)
+    if settings.select == "best_evaluated":
+        named.pop("final_selection", None)
     if settings.initial_sigma is not None or settings.initial_samples is not None:
         named.pop("successive_halving", None)
     elif "successive_halving" in named and "start" in node:
