@@ -37,28 +37,22 @@ class Choice:
         return f"{self.tuner}{more}, for {self.because}"
 
 
-def tuner_for(task: Task, budget: float) -> Choice:
+def tuner_for(task: Task) -> Choice:
     """Return the tuner that "auto" stands for.
 
     Specs are judged over whole episodes, so CMA-ES tunes what has some. Without specs, successive
     halving finds its start and held-out episodes choose its answer. Differential evolution takes
     its place for a single parameter, and ZOAC for many.
-
-    Args:
-        task: What is tuned.
-        budget: Environment steps.
     """
     dimension = task.space.dimension
     size = f"{dimension} parameter{'s' if dimension > 1 else ''}"
     if task.specs:
         return Choice("cmaes_full" if dimension > 1 else "nevergrad", f"specs and {size}")
-    episodes = int(budget // task.horizon.steps) if is_number(budget) else 0
-    because = f"{size} and {episodes:,} episodes"
     if dimension == 1:
-        return Choice("nevergrad", because, COMMON)
+        return Choice("nevergrad", size, COMMON)
     if dimension <= MAX_COORDINATES:
-        return Choice("cmaes_plus", because, COMMON)
-    return Choice("zoac_plus", because)
+        return Choice("cmaes_plus", size, COMMON)
+    return Choice("zoac_plus", size)
 
 
 def budget_of(experiments: Any, budget: Any, task: Task) -> Any:
@@ -90,7 +84,7 @@ def settled(
         raise ConfigError(
             f"tuner.{options[0]}: tuner={AUTO} has no options; name the tuner that has this one"
         )
-    choice = tuner_for(task, config["budget"])
+    choice = tuner_for(task)
     known = {group: chosen[group] for group in ("task", "fidelity") if group in chosen}
     node = configuration(**known, tuner=choice.tuner)["tuner"]
     unset = {name: value for name, value in choice.settings.items() if config[name] is None}

@@ -264,13 +264,14 @@ def baseline_use(node: Mapping[str, Any], task: Task, settings: Settings) -> dic
     if task.baseline is None:
         return {}
     begins = settings.initial_sigma is not None or node.get("start") == "baseline"
-    halved = "successive_halving" in (named := _strategies_of(node, settings))
-    if not begins or (not halved and _start_searches(named, settings)):
+    named = _strategies_of(node, settings)
+    halved = named.pop("successive_halving", None) or node.get("halving_fraction")
+    if not begins or _start_searches(named, settings):
         told = "compared with the answer; the search does not begin there"
         more = " (with tuner.start=baseline it does)" if "start" in node else ""
     else:
         told = "the search begins there"
-        halved |= settings.initial_sigma is None and bool(node.get("halving_fraction"))
+        halved = halved and settings.initial_sigma is None
         more = ", if they win against random points" if halved else ""
     return {"baseline values": told + more}
 

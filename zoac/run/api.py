@@ -163,7 +163,7 @@ def tune(
     of_user, of_task = ({name: arguments[name] for name in names} for names in (OF_USER, OF_TASK))
     the_task = given_task(task, of_user, of_task)
     budget = budget_of(experiments, 50_000 if budget is None else budget, the_task)
-    chosen = tuner_for(the_task, budget) if tuner == AUTO else None
+    chosen = tuner_for(the_task) if tuner == AUTO else None
     if chosen is not None:
         tuner, settings = chosen.tuner, {**chosen.settings, **settings}
     config = configuration(
