@@ -40,7 +40,7 @@ class CartPole(gymnasium.Env):
     def step(self, action):
         """Push for DT; distance to the target, angle and effort cost, and leaving the track.
 
-        The earlier it is left, the more that costs: at one price, to leave it at once is cheapest.
+        The earlier the cart leaves, the more that costs. Otherwise to leave at once is cheapest.
         """
         self.left -= 1
         self.x[:4] = GUESS.predict(np.array([[0.3, 0.8]]), self.x[None, :4], action[None])[0]
