@@ -144,7 +144,6 @@ class TrackingMpc:
         objective, reference, preview = linear_in(
             lambda obs: self._objective(np.tile(values, (len(obs), 1)), obs), length
         )
-        box = self._model.input_low, self._model.input_high
         return write_c(
             EmbeddedMpc(
                 step=model_step(self._model, values[: len(_MODEL)]),
@@ -156,8 +155,7 @@ class TrackingMpc:
                 objective=objective,
                 reference=reference,
                 preview=preview,
-                box=box,
-                outer_box=box,
+                box=(self._model.input_low, self._model.input_high),
             ),
             path,
         )
