@@ -103,9 +103,7 @@ class TrackingMpc:
     ) -> tuple[np.ndarray, Memory, Diagnostics]:
         """Return the inputs (n, 2), the memory and diagnostics; see `Controller`.
 
-        Diagnostics, n rows each: `prediction` (n, 6) = F_theta(X_t, U_t), `solver_status` (the
-        worst of the step, after a retry), `solver_failed`, `solver_retried`, `solver_seconds`
-        (an equal share of the calls' wall time), `linearisations`.
+        Diagnostics are those of `zoac.mpc.Mpc.act`; `prediction` (n, 6) = F_theta(X_t, U_t).
 
         Raises:
             ControllerError: If the observation's length does not fit the horizon.
