@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 
 from zoac.core.controller import Diagnostics, Memory, Parameters
-from zoac.core.errors import ConfigError, ControllerError, suggest
+from zoac.core.errors import ControllerError
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.mpc.compiled import compiled
+from zoac.mpc.controller.numbers import by_name
 from zoac.mpc.problem import PENALTY, Solver, StateBounds
 from zoac.mpc.sqp import MpcOptions, Objective, SequentialQp, check_solver, shifted
 from zoac.tasks.mpc_tracking.path import SPEED
@@ -189,12 +190,8 @@ class TrackingMpc:
 
 def _by_state(option: str, given: Mapping[str, float] | None, absent: float) -> np.ndarray:
     """Return bounds (6,) from those given by name."""
-    bounds = np.full(len(STATES), absent)
-    for name, value in (given or {}).items():
-        if name not in STATES:
-            raise ConfigError(f"mpc.{option}: unknown state {name!r}; {suggest(name, STATES)}")
-        bounds[STATES.index(name)] = value
-    return bounds
+    bounds = by_name(f"mpc.{option}", given, STATES)
+    return np.array([bounds.get(name, absent) for name in STATES], dtype=np.float64)
 
 
 @compiled()
