@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 
 from zoac.core.controller import Diagnostics, Memory, Parameters
-from zoac.core.errors import ConfigError, ControllerError, suggest
+from zoac.core.errors import ControllerError
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.mpc.compiled import compiled
+from zoac.mpc.controller.numbers import by_name
 from zoac.mpc.problem import PENALTY, Solver, StateBounds
 from zoac.mpc.sqp import MpcOptions, Objective, SequentialQp, check_solver, shifted
 from zoac.tasks.mpc_tracking.path import SPEED
@@ -103,9 +104,7 @@ class TrackingMpc:
     ) -> tuple[np.ndarray, Memory, Diagnostics]:
         """Return the inputs (n, 2), the memory and diagnostics; see `Controller`.
 
-        Diagnostics, n rows each: `prediction` (n, 6) = F_theta(X_t, U_t), `solver_status` (the
-        worst of the step, after a retry), `solver_failed`, `solver_retried`, `solver_seconds`
-        (an equal share of the calls' wall time), `linearisations`.
+        Diagnostics are those of `zoac.mpc.Mpc.act`; `prediction` (n, 6) = F_theta(X_t, U_t).
 
         Raises:
             ControllerError: If the observation's length does not fit the horizon.
@@ -144,7 +143,6 @@ class TrackingMpc:
         objective, reference, preview = linear_in(
             lambda obs: self._objective(np.tile(values, (len(obs), 1)), obs), length
         )
-        box = self._model.input_low, self._model.input_high
         return write_c(
             EmbeddedMpc(
                 step=model_step(self._model, values[: len(_MODEL)]),
@@ -156,8 +154,7 @@ class TrackingMpc:
                 objective=objective,
                 reference=reference,
                 preview=preview,
-                box=box,
-                outer_box=box,
+                box=(self._model.input_low, self._model.input_high),
             ),
             path,
         )
@@ -193,12 +190,8 @@ class TrackingMpc:
 
 def _by_state(option: str, given: Mapping[str, float] | None, absent: float) -> np.ndarray:
     """Return bounds (6,) from those given by name."""
-    bounds = np.full(len(STATES), absent)
-    for name, value in (given or {}).items():
-        if name not in STATES:
-            raise ConfigError(f"mpc.{option}: unknown state {name!r}; {suggest(name, STATES)}")
-        bounds[STATES.index(name)] = value
-    return bounds
+    bounds = by_name(f"mpc.{option}", given, STATES)
+    return np.array([bounds.get(name, absent) for name in STATES], dtype=np.float64)
 
 
 @compiled()

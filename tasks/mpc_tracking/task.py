@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,10 +25,6 @@ def prediction_error(segment: Segment) -> np.ndarray:
     return 0.5 * np.square(error).sum(axis=1)
 
 
-def _diagnostic(name: str, segment: Segment) -> np.ndarray:
-    return segment.diagnostics[name].astype(np.float64)
-
-
 class MpcTracking(Task):
     """19 parameters: six of the predictive model, thirteen weights."""
 
@@ -37,8 +32,8 @@ class MpcTracking(Task):
     baseline = NOMINAL
     metrics = (
         Metric("prediction_error", prediction_error),
-        Metric("solver_failures", partial(_diagnostic, "solver_failed"), "sum"),
-        Metric("solver_retries", partial(_diagnostic, "solver_retried"), "sum"),
+        Metric("solver_failures", lambda s: s.diagnostics["solver_failed"], "sum"),
+        Metric("solver_retries", lambda s: s.diagnostics["solver_retried"], "sum"),
     )
 
     def __init__(

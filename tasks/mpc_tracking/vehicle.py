@@ -165,14 +165,7 @@ class BicycleModel:
     def linearise(
         self, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Roll out from `start` (n, 6) along `inputs` (n, N, 2) and linearise about it.
-
-        Args:
-            theta: Model parameters (n, 6).
-
-        Returns:
-            States (n, N + 1, 6), dF/dX (n, N, 6, 6) and dF/dU (n, N, 6, 2).
-        """
+        """See `zoac.mpc.sqp.PredictiveModel`; theta (n, 6) in the order of `parameters`."""
         n, horizon, _ = inputs.shape
         states = np.empty((n, horizon + 1, 6))
         states[:, 0] = start

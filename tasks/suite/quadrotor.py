@@ -16,10 +16,6 @@ SPACE = {
     "kp_xy": (0.5, 50.0, "log"), "kp_z": (0.5, 50.0, "log"), "kd_xy": (0.5, 50.0, "log"),
     "kd_z": (0.5, 50.0, "log"), "kp_att": (10.0, 3000.0, "log"), "kd_att": (2.0, 200.0, "log"),
 }  # fmt: skip
-PUBLISHED = {
-    "kp_xy": 6.5, "kp_z": 15.0, "kd_xy": 4.0, "kd_z": 9.0, "kp_att": 310.0, "kd_att": 57.0,
-}  # fmt: skip
-"""RotorPy's gains."""
 MAX_DISTANCE = 5.0
 """Farther from the curve [m] an episode ends, and each step that is left costs this much."""
 

@@ -138,7 +138,8 @@ def test_after_two_failures_the_last_plan_that_solved_is_kept() -> None:
     plan = search(solver)
     np.testing.assert_allclose(plan.inputs[:, 0, 0], [0.6, -0.1, 0.8])
     np.testing.assert_array_equal(plan.status, [0, Status.NUMERICAL_FAILURE, 0])
-    np.testing.assert_array_equal(plan.failed, [False, True, False])
+    told = plan.diagnostics(plan.inputs[:, 0])
+    np.testing.assert_array_equal(told["solver_failed"], [False, True, False])
     np.testing.assert_array_equal(plan.linearisations, [3, 2, 3])
 
 
@@ -162,7 +163,7 @@ def test_with_no_finite_environment_the_solver_is_not_called() -> None:
     solver = Scripted(always(Status.SOLVED))
     plan = search(solver, start=(np.nan,))
     assert solver.calls == []
-    np.testing.assert_array_equal(plan.failed, [True])
+    np.testing.assert_array_equal(plan.status, [Status.NOT_FINITE])
 
 
 @pytest.mark.parametrize(

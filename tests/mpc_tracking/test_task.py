@@ -116,7 +116,7 @@ def test_a_bound_on_the_yaw_rate_is_kept_in_closed_loop() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"state_low": {"w": 1.0}}, "mpc.state_low: unknown state 'w'; known: omega, phi, u, v"),
+        ({"state_low": {"w": 1.0}}, "mpc.state_low: unknown 'w'; known: omega, phi, u, v"),
         ({"state_bounds": "sfot"}, "mpc.state_bounds: unknown 'sfot'; did you mean 'soft'?"),
     ],
 )

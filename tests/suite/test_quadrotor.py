@@ -11,6 +11,10 @@ from rotorpy.controllers.quadrotor_control import SE3Control
 from rotorpy.vehicles.hummingbird_params import quad_params
 from rotorpy.vehicles.multirotor import Multirotor
 
+PUBLISHED = {
+    "kp_xy": 6.5, "kp_z": 15.0, "kd_xy": 4.0, "kd_z": 9.0, "kp_att": 310.0, "kd_att": 57.0,
+}  # fmt: skip
+"""RotorPy's gains."""
 WITHOUT_GAINS = {k: v for k, v in quad_params.items() if k not in ("kp_att", "kd_att")}
 
 
@@ -49,7 +53,7 @@ def test_the_controller_is_rotorpys(flight):
     x, v, a = reference[:3], reference[3:6], reference[6:]
     goal = {"x": x, "x_dot": v, "x_ddot": a, "yaw": 0.0, "yaw_dot": 0.0}
     expected = SE3Control(WITHOUT_GAINS).update(0.0, theirs, goal)["cmd_motor_speeds"]
-    found = quadrotor.fly(quadrotor.PUBLISHED, np.concatenate([state, reference]))
+    found = quadrotor.fly(PUBLISHED, np.concatenate([state, reference]))
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
@@ -71,7 +75,7 @@ def test_the_published_gains_follow_the_curve():
     env = quadrotor.Quadrotor()
     observation, _ = env.reset(seed=0)
     for _ in range(quadrotor.STEPS):
-        action = np.clip(quadrotor.fly(quadrotor.PUBLISHED, observation), 0.0, quadrotor.MAX_SPEED)
+        action = np.clip(quadrotor.fly(PUBLISHED, observation), 0.0, quadrotor.MAX_SPEED)
         observation, _, lost, _, _ = env.step(action)
         assert not lost
     assert np.linalg.norm(observation[:3] - observation[17:20]) < 0.25

@@ -168,7 +168,6 @@ class LoopVecEnv(ArrayVecEnv):
             Box(*input_limits, (loops,), dtype=np.float64),
             max_episode_steps,
         )
-        self.metadata = {**self.metadata, "sample_time": sample_time}
         self._sample_time, self._reference = sample_time, reference
         self._noises = np.tile(np.asarray(noises, dtype=np.float64), len(plants))
         self._loads = np.repeat(np.broadcast_to(loads, len(plants)), draws)

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from zoac.mpc.compiled import compiled
+from zoac.core.types import all_finite
 from zoac.mpc.problem import LinearisedProblem, Solution, Solver, Status
 
 # As plain numbers: comparing an array with a member of an enum takes five times as long.
@@ -24,14 +24,15 @@ class Attempt:
         self._solver = solver
         self._problem = problem
         self.seconds = 0.0
-        finite = None if solver.screens else _finite(*(a.reshape(len(a), -1) for a in problem.data))
-        if finite is None or finite.all():
+        if solver.screens or all(map(all_finite, problem.data)):
             answer = self._timed(problem)
             self.inputs, self.status = answer.inputs, answer.status
         else:
+            n = len(problem.inputs)
+            finite = [np.isfinite(array.reshape(n, -1)).all(axis=1) for array in problem.data]
             self.inputs = np.zeros_like(problem.inputs)
-            self.status = np.full(len(finite), _NOT_FINITE, dtype=np.int8)
-            self._solve_some(finite, robust=False)
+            self.status = np.full(n, _NOT_FINITE, dtype=np.int8)
+            self._solve_some(np.all(finite, axis=0), robust=False)
         self.troubled = np.count_nonzero(self.status) > 0  # SOLVED is zero
         if self.troubled:
             self.retried = (self.status != _SOLVED) & (self.status != _NOT_FINITE)
@@ -52,16 +53,3 @@ class Attempt:
         answer = self._solver.solve(problem, robust)
         self.seconds += time.perf_counter() - began
         return answer
-
-
-@compiled()
-def _finite(*arrays: np.ndarray) -> np.ndarray:
-    """Return for each row (n,) of all `arrays` (n, ...) whether its numbers are finite."""
-    finite = np.ones(len(arrays[0]), dtype=np.bool_)
-    for env_index in range(len(finite)):
-        for array in arrays:
-            bad = 0
-            for i in range(array.shape[1]):
-                bad += not np.isfinite(array[env_index, i])
-            finite[env_index] &= bad == 0
-    return finite

@@ -119,8 +119,8 @@ class Formulation:
     weights: cp.Parameter
     errors: cp.Variable
     inputs: cp.Variable
-    bounds: cp.Parameter | None = None
-    of_bounds: tuple[list[cp.Constraint], list[cp.Constraint]] = ((), ())  # type: ignore[assignment]
+    bounds: cp.Parameter | None
+    of_bounds: tuple[list[cp.Constraint], list[cp.Constraint]]
 
 
 def build_problem(layout: Layout) -> Formulation:
@@ -161,19 +161,17 @@ def build_problem(layout: Layout) -> Formulation:
         cp.sum(cp.multiply(read.next(variable.size, variable.shape), cp.square(variable)))
         for variable in (errors, inputs)
     ]
-    if not layout.bounds_size:
-        problem = cp.Problem(cp.Minimize(sum(cost)), constraints)
-        return Formulation(problem, dynamics, weights, errors, inputs)
-
-    bounds = cp.Parameter(layout.bounds_size, name="bounds")
-    read = _Slices(bounds)
-    slacks = {i: cp.Variable(horizon, name=f"slack_{i}") for i in layout.soft}
-    low = [errors[:, i] >= read.next(horizon) - slacks.get(i, 0.0) for i in layout.state_low]
-    high = [errors[:, i] <= read.next(horizon) + slacks.get(i, 0.0) for i in layout.state_high]
-    cost += [read.next(1) * cp.sum(slack) for slack in slacks.values()]
-    constraints += [*low, *high, *(slack >= 0 for slack in slacks.values())]
+    bounds, below, above = None, [], []
+    if layout.bounds_size:
+        bounds = cp.Parameter(layout.bounds_size, name="bounds")
+        read = _Slices(bounds)
+        slacks = {i: cp.Variable(horizon, name=f"slack_{i}") for i in layout.soft}
+        below = [errors[:, i] >= read.next(horizon) - slacks.get(i, 0.0) for i in layout.state_low]
+        above = [errors[:, i] <= read.next(horizon) + slacks.get(i, 0.0) for i in layout.state_high]
+        cost += [read.next(1) * cp.sum(slack) for slack in slacks.values()]
+        constraints += [*below, *above, *(slack >= 0 for slack in slacks.values())]
     problem = cp.Problem(cp.Minimize(sum(cost)), constraints)
-    return Formulation(problem, dynamics, weights, errors, inputs, bounds, (low, high))
+    return Formulation(problem, dynamics, weights, errors, inputs, bounds, (below, above))
 
 
 class _Slices:

@@ -146,18 +146,13 @@ class Plan:
     linearisations: np.ndarray
     seconds: float
 
-    @property
-    def failed(self) -> np.ndarray:
-        """Environments (n,) bool whose solver failed, the retry included."""
-        return self.status != _SOLVED
-
     def diagnostics(self, prediction: np.ndarray) -> Diagnostics:
         """Return what a controller reports of the step, beside the model's next state (n, nx)."""
         n = len(self.status)
         return {
             "prediction": prediction,
             "solver_status": self.status,
-            "solver_failed": self.failed,
+            "solver_failed": self.status != _SOLVED,
             "solver_retried": self.retried,
             "solver_seconds": np.full(n, self.seconds / max(n, 1)),
             "linearisations": self.linearisations,

@@ -37,26 +37,20 @@ class Recording:
         row = self.rows
         if row == len(self._costs):
             self._grow()
-        if row == 0:
-            self._diagnostics = {
-                name: np.empty((len(self._costs), *np.shape(value)), np.asarray(value).dtype)
-                for name, value in diagnostics.items()
-            }
         self._observations[row] = observations
         self._actions[row] = actions
         self._commands[row] = commands
         self._costs[row] = costs
         for name, value in diagnostics.items():
-            if name not in self._diagnostics:  # every controller failed before
+            if name not in self._diagnostics:  # the first row, or every controller failed before
                 shape = (len(self._costs), *np.shape(value))
                 self._diagnostics[name] = np.zeros(shape, np.asarray(value).dtype)
             kept = self._diagnostics[name]
             if (kind := np.result_type(kept, value)) != kept.dtype:  # whole numbers before
                 kept = self._diagnostics[name] = kept.astype(kind)
             kept[row] = value
-        if len(diagnostics) != len(self._diagnostics):  # every controller failed now
-            for name in self._diagnostics.keys() - diagnostics.keys():
-                self._diagnostics[name][row] = 0
+        for name in self._diagnostics.keys() - diagnostics.keys():  # every controller failed now
+            self._diagnostics[name][row] = 0
         self.rows = row + 1
 
     def _grow(self) -> None:

@@ -188,7 +188,10 @@ class RolloutEngine:
         """
         if self._penalty is not None:
             return told
-        raise type(failure)(f"{told}. {REMEDY}") from failure.__cause__
+        raise type(failure)(
+            f"{told}. With failure_penalty=<cost>, such a step ends its episode at that cost "
+            "instead of the run"
+        ) from failure.__cause__
 
     def _priced_here(self, failure: ZoacError, env_index: int) -> str:
         return self._priced(failure, f"{failure}. {self._place(env_index)}")
@@ -295,6 +298,3 @@ class RolloutEngine:
     def close(self) -> None:
         """Release the environment."""
         self._env.close()
-
-
-REMEDY = "With failure_penalty=<cost>, such a step ends its episode at that cost instead of the run"

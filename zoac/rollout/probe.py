@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import closing
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -42,7 +43,7 @@ def restore_fault(make_env: Callable[[int], VecEnv], pickled: bool = False) -> s
     other = make_env(1) if pickled else env
     shape = env.single_action_space.shape or ()
     actions = np.random.default_rng(0).standard_normal((STEPS, *shape))
-    try:
+    with closing(env), closing(other):
         _stand_in_mid_episode(env, actions)
         try:
             state = env.state([0])
@@ -53,9 +54,6 @@ def restore_fault(make_env: Callable[[int], VecEnv], pickled: bool = False) -> s
         except Exception as error:  # whatever a user's environment raises when it is copied
             return f"copying it raised {type(error).__name__}: {error}"
         found = _onwards(other, actions)
-    finally:
-        env.close()
-        other.close()
     if (step := first_difference(expected, found)) is None:
         return None
     shown = found[min(step, len(found) - 1)]
@@ -113,11 +111,8 @@ def horizon(task: Task) -> Horizon:
         if task.baseline is None
         else task.space.normalise(task.baseline)
     )
-    group = RolloutEngine(task, [0], [SEEDS[0]])
-    try:
-        segments = group.rollout([Proposal(x, 0)] * EPISODES)
-    finally:
-        group.close()
+    with closing(RolloutEngine(task, [0], [SEEDS[0]])) as engine:
+        segments = engine.rollout([Proposal(x, 0)] * EPISODES)
     last = max(segments, key=lambda s: s.length)
     return Horizon(last.length, "truncation" if last.truncated else "termination")
 
@@ -203,22 +198,17 @@ def played(env: VecEnv, actions: np.ndarray, seed: int | None = None) -> list[by
     """
     rows: list[bytes | str] = []
     try:
-        for row in _rows(env, actions, seed):
-            rows.append(row)
-            if _ended(rows):
+        if seed is not None:
+            observations, infos = env.reset(seed=[seed])
+            rows.append(_row(infos, observations[0], np.zeros(1, bool)))
+        for action in actions:
+            if rows and _ended(rows):
                 break
+            observations, _, terminated, truncated, infos = env.step(action[None])
+            rows.append(_row(infos, observations[0], infos["cost"], terminated | truncated))
     except Exception as error:  # whatever a user's environment raises
         rows.append(f"{type(error).__name__}: {error}")
     return rows
-
-
-def _rows(env: VecEnv, actions: np.ndarray, seed: int | None) -> Iterator[bytes | str]:
-    if seed is not None:
-        observations, infos = env.reset(seed=[seed])
-        yield _row(infos, observations[0], np.zeros(1, bool))
-    for action in actions:
-        observations, _, terminated, truncated, infos = env.step(action[None])
-        yield _row(infos, observations[0], infos["cost"], terminated | truncated)
 
 
 def _row(infos: dict[str, Any], *shown: np.ndarray) -> bytes | str:

@@ -213,8 +213,7 @@ class Mpc:
     def _search(self, tuned: frozenset[str]) -> tuple[ModelWithOutputs, SequentialQp]:
         """Return the search for a plan where the bounds of these inputs are tuned."""
         if tuned not in self._searches:
-            copies = set(tuned) | self.reference.of_inputs
-            outputs = self.programme.outputs(copies)
+            outputs = self.programme.outputs(tuned | self.reference.of_inputs)
             check_solver(self._solver, self.programme.bounded(tuned))
             search = SequentialQp(outputs, self._solver, self.options.linearisations, UNDAMPED)
             self._searches[tuned] = outputs, search

@@ -13,12 +13,11 @@ that is linear in them becomes a further state with a weight and bounds of its o
 So cross terms, rates and terminal matrices reach every solver in the same way.
 """
 
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from zoac.mpc.problem import Sparsity
-from zoac.mpc.sqp import PredictiveModel
 
 
 class ModelWithOutputs:
@@ -29,18 +28,16 @@ class ModelWithOutputs:
 
     def __init__(
         self,
-        model: PredictiveModel,
-        sizes: tuple[int, int, int],
+        model: Any,
         box: tuple[np.ndarray, np.ndarray],
-        rates: Sequence[int] = (),
-        copies: Sequence[int] = (),
-        stage: bool = False,
-        end: bool = False,
+        rates: list[int],
+        copies: list[int],
+        stage: bool,
+        end: bool,
     ) -> None:
         """
         Args:
-            model: The model proper.
-            sizes: Its numbers of states, inputs and parameters.
+            model: The model proper, as `zoac.mpc.Mpc` takes it.
             box: Lower and upper bounds of the inputs, (nu,) each.
             rates: Positions of the inputs whose rates are outputs.
             copies: Of those that are outputs themselves.
@@ -48,9 +45,10 @@ class ModelWithOutputs:
             end: Whether there is a full terminal weight.
         """
         self._model = model
-        self._nx, self._nu, self._count = sizes
+        self._nx, self._nu = len(model.states), len(model.inputs)
+        self._count = len(model.parameters)
         self.input_low, self.input_high = box
-        self.rates, self.copies = list(rates), list(copies)
+        self.rates, self.copies = rates, copies
         widths = (
             self._nx,
             len(self.rates),
@@ -93,7 +91,7 @@ class ModelWithOutputs:
     def linearise(
         self, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `PredictiveModel`; `start` (n, nz), of which outputs are not read."""
+        """See `zoac.mpc.sqp.PredictiveModel`; `start` (n, nz), of which outputs are not read."""
         nx, nu = self._nx, self._nu
         own, after = np.split(theta, [self._count], axis=1)
         inner, a_inner, b_inner = self._model.linearise(own, start[:, :nx].copy(), inputs)

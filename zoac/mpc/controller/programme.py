@@ -164,13 +164,12 @@ class Programme:
         }
         return " and ".join(what for what, there in said.items() if there)
 
-    def outputs(self, copies: set[str] | frozenset[str]) -> ModelWithOutputs:
+    def outputs(self, copies: frozenset[str]) -> ModelWithOutputs:
         """Return the model with the outputs that this needs, and copies of some inputs."""
         # Without a terminal weight of its own the end has that of the states.
         of_states = self._weight.full_within(len(self._states))
         return ModelWithOutputs(
             self._model,
-            (len(self._states), len(self._inputs), len(self._model.parameters)),
             self._box,
             self.rates,
             [j for j, name in enumerate(self._inputs) if name in copies],

@@ -48,18 +48,11 @@ void mpc_init(mpc_state *s)
     for (i = 0; i < MPC_INPUTS; i++) s->input[i] = mpc_before[i];
 }}
 
-/* Point at v, y, t, s and p, which stand one after the other. */
-static void mpc_point(double **to, double *state)
-{{
-    int i;
-    for (i = 0; i < 5; i++) to[i] = state + (i ? {plan} + (i - 1) * {m} : 0);
-}}
-
 /* Solve the programme linearised about `plan`, and add the solution to it; return 1 if it fails. */
 static int mpc_solve(const double *observation, const double *before, double *plan)
 {{
     const double *arg[{arg}];
-    double *res[{res}], *next[5], scale, residual, best = HUGE_VAL;
+    double *res[{res}], scale, residual, best = HUGE_VAL;
     int i, k, now = 0;
     arg[0] = observation; arg[1] = before; arg[2] = plan;
     res[0] = mpc_hessian; res[1] = mpc_gradient; res[2] = mpc_rows; res[3] = mpc_limits;
@@ -67,16 +60,12 @@ static int mpc_solve(const double *observation, const double *before, double *pl
     if (mpc_programme(arg, res, mpc_iw, mpc_w, 0)) return 1;
     arg[0] = mpc_hessian; arg[1] = mpc_gradient; arg[2] = mpc_rows; arg[3] = mpc_limits;
     arg[4] = mpc_penalty;
-    mpc_point(res, mpc_now[now]);
-    res[5] = &scale;
+    res[0] = mpc_now[now]; res[1] = &scale;
     if (mpc_begin(arg, res, mpc_iw, mpc_w, 0)) return 1;
     for (k = 0; k < {iterations}; k++) {{
         arg[0] = mpc_hessian; arg[1] = mpc_gradient; arg[2] = mpc_rows; arg[3] = mpc_limits;
-        mpc_point(next, mpc_now[now]);
-        for (i = 0; i < 5; i++) arg[4 + i] = next[i];
-        arg[9] = &scale;
-        mpc_point(res, mpc_now[1 - now]);
-        res[5] = &residual;
+        arg[4] = mpc_now[now]; arg[5] = &scale;
+        res[0] = mpc_now[1 - now]; res[1] = &residual;
         if (mpc_iterate(arg, res, mpc_iw, mpc_w, 0)) return 1;
         if (!(residual < best)) {{
             if (!(best > {solved!r})) break;

@@ -30,7 +30,6 @@ class EmbeddedMpc:
         reference: (N, nz), at an observation of zeros.
         preview: (N * nz, observation), by how much each entry of the observation moves it.
         box: Lower and upper bounds of the inputs, (nu,) each.
-        outer_box: Those that clip what is applied where no programme was solved.
         undamped: Programmes of a step after which plans are averaged; see `SequentialQp`.
     """
 
@@ -44,14 +43,13 @@ class EmbeddedMpc:
     reference: np.ndarray
     preview: np.ndarray
     box: tuple[np.ndarray, np.ndarray]
-    outer_box: tuple[np.ndarray, np.ndarray]
     undamped: int = MAX_LINEARISATIONS
 
     @property
     def rest(self) -> np.ndarray:
         """The inputs (nu,) applied where no programme was solved, and the first guess."""
         given = self.objective.rest
-        return np.clip(0.0 if given is None else given[0], *self.outer_box)
+        return np.zeros_like(self.initial_input) if given is None else given[0]
 
 
 def linear_in(read: Read, observation: int) -> tuple[Objective, np.ndarray, np.ndarray]:
@@ -155,7 +153,6 @@ def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -
         preview=preview,
         # As in `act`, a tuned bound only narrows the bounds that the MPC was built with.
         box=(np.maximum(low, outer[0]), np.minimum(high, outer[1])),
-        outer_box=outer,
         undamped=UNDAMPED,
     )
 

@@ -22,9 +22,9 @@ one. With the second number always, a few programmes run along the boundary with
 def functions(rows: Any, soft: np.ndarray) -> tuple[Any, Any]:
     """Return the functions `begin` and `iterate`.
 
-    `begin` maps (H, g, C, d, penalty) to (v, y, t, s, p) and the scale of the multipliers.
-    `iterate` maps (H, g, C, d, v, y, t, s, p, scale) to the next (v, y, t, s, p), and to a residual
-    of those that it was given: of gradient, rows and complementarity; NaN where one is.
+    `begin` maps (H, g, C, d, penalty) to the state, (v, y, t, s, p) one after the other, and the
+    scale of the multipliers. `iterate` maps (H, g, C, d, state, scale) to the next state, and to a
+    residual of the one that it was given: of gradient, rows and complementarity; NaN where one is.
 
     Args:
         rows: CasADi's sparsity of C (m, n).
@@ -33,12 +33,12 @@ def functions(rows: Any, soft: np.ndarray) -> tuple[Any, Any]:
     m, n = rows.shape
     shapes = {"H": (n, n), "g": (n, 1), "C": (rows,), "d": (m, 1)}
     data = {name: casadi.MX.sym(name, *shape) for name, shape in shapes.items()}
-    state = {"v": casadi.MX.sym("v", n)} | {name: casadi.MX.sym(name, m) for name in "ytsp"}
+    state = casadi.MX.sym("state", n + 4 * m)
     is_soft = casadi.DM(soft.astype(float))
     scale, penalty = casadi.MX.sym("scale"), casadi.MX.sym("penalty", m)
     first = _begin(data, penalty, is_soft)
     begin = casadi.Function("mpc_begin", [*data.values(), penalty], first)
-    arguments = [*data.values(), *state.values(), scale]
+    arguments = [*data.values(), state, scale]
     return begin, casadi.Function("mpc_iterate", arguments, _iterate(data, state, scale, is_soft))
 
 
@@ -50,13 +50,15 @@ def _begin(data: dict[str, Any], penalty: Any, soft: Any) -> list[Any]:
     p = casadi.if_else(soft, penalty - y, 1.0)
     s = soft * (casadi.fmax(-d, 0.0) + 1.0)
     t = casadi.fmax(d + s, 1.0)
-    return [casadi.MX.zeros(g.numel()), y, t, s, p, size]
+    return [casadi.vertcat(casadi.MX.zeros(g.numel()), y, t, s, p), size]
 
 
-def _iterate(data: dict[str, Any], state: dict[str, Any], scale: Any, soft: Any) -> list[Any]:
+def _iterate(data: dict[str, Any], state: Any, scale: Any, soft: Any) -> list[Any]:
     """Take one step. A hard row has s = 0 and p = 1 throughout."""
     h, g, c, d = data.values()
-    v, y, t, s, p = state.values()
+    n, m = g.numel(), d.numel()
+    parts: Any = casadi.vertsplit(state, [0, n, n + m, n + 2 * m, n + 3 * m, n + 4 * m])
+    v, y, t, s, p = parts
     dual = h @ v + g + c.T @ y
     beyond = c @ v - d  # C v - s + t - d is 0 at the solution
     gap = casadi.dot(y, t) + casadi.dot(p, s)
@@ -86,4 +88,4 @@ def _iterate(data: dict[str, Any], state: dict[str, Any], scale: Any, soft: Any)
     step = direction(target - dy * dt, target - dp * ds)
     fraction = TO_BOUNDARY[0] + alpha * (TO_BOUNDARY[1] - TO_BOUNDARY[0])
     alpha = casadi.fmin(1.0, fraction * longest(step))
-    return [*(x + alpha * dx for x, dx in zip(state.values(), step, strict=True)), residual]
+    return [state + alpha * casadi.vertcat(*step), residual]

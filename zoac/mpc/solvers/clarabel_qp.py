@@ -17,7 +17,6 @@ import numpy as np
 import scipy.sparse as sparse
 
 from zoac.core.types import Count, Fraction
-from zoac.mpc.compiled import compiled
 from zoac.mpc.formulation import Layout, build_problem
 from zoac.mpc.problem import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.certificate import certified
@@ -187,7 +186,7 @@ class _CanonicalForm:
         bounds = parameters[:, self._bounds] if self._layout.bounds_size else None
         limit = {"largest_penalty": np.inf} if robust else {}
         scales = write_parameters(problem, self._layout, scale, dynamics, weights, bounds, **limit)
-        return self._product(parameters), scales
+        return np.ascontiguousarray((self._map @ parameters.T).T), scales
 
     def split(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
         """Cut a row of `data` into the nonzeros of P, those of A, b and q, by name."""
@@ -204,14 +203,9 @@ class _CanonicalForm:
 
     def neutral(self) -> np.ndarray:
         """Return a row of `data` that stands for every problem of this layout."""
-        parameters = np.ones((1, self._map.shape[1]))
-        parameters[:, self._weights] = 0.1
-        return self._product(parameters)[0]
-
-    def _product(self, parameters: np.ndarray) -> np.ndarray:
-        numbers = np.empty((len(parameters), self._map.shape[0]))
-        _multiply(self._map.indptr, self._map.indices, self._map.data, parameters, numbers)
-        return numbers
+        parameters = np.ones(self._map.shape[1])
+        parameters[self._weights] = 0.1
+        return self._map @ parameters
 
     def make_solver(self, numbers: np.ndarray, settings: Any) -> Any:
         """Return a Clarabel solver that holds a row of `data` and is scaled by it."""
@@ -235,20 +229,3 @@ def _rows(
     begins = np.cumsum([0, *(constraint.size for constraint in constraints)]).tolist()
     first = {constraint.id: row for constraint, row in zip(constraints, begins, strict=False)}
     return [[first[constraint.id] for constraint in side] for side in sides]
-
-
-@compiled()
-def _multiply(
-    starts: np.ndarray,
-    columns: np.ndarray,
-    values: np.ndarray,
-    vectors: np.ndarray,
-    products: np.ndarray,
-) -> None:
-    """Write sparse matrix (r, c) @ vectors[i] (c,) into products[i] (r,) for every i."""
-    for env_index in range(len(vectors)):
-        for row in range(len(starts) - 1):
-            total = 0.0
-            for entry in range(starts[row], starts[row + 1]):
-                total += values[entry] * vectors[env_index, columns[entry]]
-            products[env_index, row] = total

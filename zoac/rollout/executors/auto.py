@@ -45,17 +45,13 @@ class Auto(Executor):
                 use.
         """
         self._most = workers
-        self._serial, self._processes = Serial(), Process()
-        self._past_seconds = 0.0
+        self._serial, self._processes = Serial(), Process(workers=workers)
         self._starting: Thread | None = None
 
     def start(self, task: Task, num_envs: int, seed: int) -> None:
-        workers = min(num_envs, self._most or usable_cores())
-        self._past_seconds = self.worker_seconds
         self._made_of = (task, num_envs, seed)
-        self._serial, self._processes = Serial(), Process(workers=workers)
         self._current: Executor = self._serial
-        self._settled = workers == 1
+        self._settled = min(num_envs, self._most or usable_cores()) == 1
         self._untouched = True  # no environment has moved yet
         self._starting = None
         self._fault: Exception | None = None  # of a worker that could not be started
@@ -219,7 +215,7 @@ class Auto(Executor):
 
     @property
     def worker_seconds(self) -> float:
-        return self._past_seconds + self._processes.worker_seconds
+        return self._processes.worker_seconds
 
     def close(self) -> None:
         self._processes.close()

@@ -67,7 +67,6 @@ class _ProcessHandle(Handle):
         self._task, self._seed, self._attempts = task, seed, attempts
         self._watch = None if task.step_timeout is None else StepWatch(task.step_timeout)
         self._earlier_seconds = self._seconds = 0.0
-        self._request: Request = ("state", ())
         self._restarts = 0
         self._start_process()
 
@@ -87,7 +86,7 @@ class _ProcessHandle(Handle):
             self._result(reply)
 
     def begin(self, method: str, *arguments: Any) -> None:
-        self._request = (method, arguments)
+        self._request: Request = (method, arguments)
         self._send(())
 
     def _send(self, hung: Sequence[Call]) -> None:
