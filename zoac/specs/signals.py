@@ -11,7 +11,6 @@ import numpy as np
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.measures import read_from
 from zoac.core.segments import Segment
-from zoac.core.types import is_number
 
 
 @dataclass(frozen=True)
@@ -99,41 +98,10 @@ def diagnostic(name: str, unit: str = "") -> Signal:
     return Signal(f"diagnostic({name!r})", lambda s: s.diagnostics[name], unit)
 
 
-def constant(value: float, unit: str = "") -> Signal:
-    """Return a signal that does not change, such as a set-point.
-
-    Args:
-        value: Of every sample.
-        unit: For people to read.
-    """
+def constant(value: float) -> Signal:
+    """Return a signal that does not change, such as a set-point."""
     number = float(value)
-    return Signal(f"{value:g}", lambda s: np.full(s.length + 1, number), unit, number=number)
-
-
-def named(signals: Mapping[str, Any]) -> dict[str, Signal]:
-    """Return signals by name from what a user gives: a `Signal`, a number, a function of a segment.
-
-    Raises:
-        ConfigError: If one is none of these.
-    """
-    if not isinstance(signals, Mapping):
-        raise ConfigError(
-            f"signals={signals!r}: expected signals by name, such as {{'y': zoac.observation(0)}}"
-        )
-    found = {}
-    for name, given in signals.items():
-        if isinstance(given, Signal):
-            found[name] = given
-        elif is_number(given):
-            found[name] = constant(given)
-        elif callable(given):
-            found[name] = Signal(name, given)
-        else:
-            raise ConfigError(
-                f"signals[{name!r}]={given!r}: expected zoac.observation(i), zoac.action(i), a "
-                "number, or a function of a segment"
-            )
-    return found
+    return Signal(f"{value:g}", lambda s: np.full(s.length + 1, number), number=number)
 
 
 @dataclass(frozen=True, eq=False)
