@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import shlex
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -60,8 +59,8 @@ def tune_cost(
     """
     if not callable(cost):
         raise ConfigError(f"cost={cost!r}: expected a function of the parameters, or zoac.program")
-    where = Path(folder or tempfile.mkdtemp(prefix="zoac-study-")).expanduser()
-    study = Study(folder=where, **options)
+    study = Study(folder=folder, **options)
+    where = study.folder
     again = "the same call" if folder else f"the same call with folder={str(where)!r}"
     try:
         with locked(where / CARRIED_OUT):
