@@ -50,11 +50,6 @@ class LoopsOf:
     """The loops of the plants with a PID, as a function of its gains."""
 
     def __init__(self, loops: Sequence[SampledLoop], pid: PID) -> None:
-        """
-        Args:
-            loops: One per plant.
-            pid: The controller's structure.
-        """
         self._loops, self._pid = tuple(loops), pid
         self._latest: tuple[dict[str, Any], list[ClosedLoop]] = ({}, [])
 

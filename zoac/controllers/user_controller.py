@@ -148,11 +148,6 @@ class WithFixed:
     """A batched `Controller` that also gets parameters that are not tuned."""
 
     def __init__(self, controller: Controller, fixed: Mapping[str, float]) -> None:
-        """
-        Args:
-            controller: The controller.
-            fixed: What it gets, by name.
-        """
         self._controller, self._fixed = controller, dict(fixed)
 
     def init(self, n: int) -> Memory:

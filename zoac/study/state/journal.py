@@ -27,10 +27,6 @@ class Journal:
     """The journal in a folder, read from where the last reading ended."""
 
     def __init__(self, folder: Path) -> None:
-        """
-        Args:
-            folder: Of the study; exists.
-        """
         self.path = folder / JOURNAL
         self._lock = folder / ".lock"
         self._read = 0  # bytes

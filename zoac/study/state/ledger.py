@@ -30,11 +30,6 @@ class Ledger:
     """The trials of a study, as its journal tells them; for several threads."""
 
     def __init__(self, folder: Path, limits: Mapping[str, float]) -> None:
-        """
-        Args:
-            folder: Of the study.
-            limits: Of constraints, by name.
-        """
         self._journal, self._limits = Journal(folder), limits
         self.mutex = threading.RLock()  # who holds it may ask the tuner
         self._trials: list[Trial] = []
