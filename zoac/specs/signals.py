@@ -98,10 +98,15 @@ def diagnostic(name: str, unit: str = "") -> Signal:
     return Signal(f"diagnostic({name!r})", lambda s: s.diagnostics[name], unit)
 
 
-def constant(value: float) -> Signal:
-    """Return a signal that does not change, such as a set-point."""
+def constant(value: float, unit: str = "") -> Signal:
+    """Return a signal that does not change, such as a set-point.
+
+    Args:
+        value: Of every sample.
+        unit: For people to read.
+    """
     number = float(value)
-    return Signal(f"{value:g}", lambda s: np.full(s.length + 1, number), number=number)
+    return Signal(f"{value:g}", lambda s: np.full(s.length + 1, number), unit, number=number)
 
 
 @dataclass(frozen=True, eq=False)
