@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from zoac.core.errors import ConfigError, suggest
+from zoac.core.errors import ConfigError
 from zoac.core.measures import read_from
 from zoac.core.segments import Segment
 
@@ -148,8 +148,3 @@ class Episode:
             )
         values = {name: samples[inside] for name, samples in self.values.items()}
         return Episode(self.time[inside], values, self.ended)
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        if name not in self.values:
-            raise ConfigError(f"no signal {name!r}; {suggest(name, self.values)}")
-        return self.values[name]

@@ -183,7 +183,7 @@ class Spec:
             figure: Another one in the place of this spec's.
         """
         episode = episode.within(self.window)
-        samples = [episode[name] for name in self.signals]
+        samples = [episode.values[name] for name in self.signals]
         count = max(s.shape[1] if s.ndim > 1 else 1 for s in samples)
         columns = [[s if s.ndim == 1 else s[:, j] for s in samples] for j in range(count)]
         of = figure or self.figure
