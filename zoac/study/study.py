@@ -233,7 +233,8 @@ class Study:
     @property
     def finished(self) -> bool:
         """Whether every experiment has a result."""
-        return self._ledger.refreshed().ended == self.settings.experiments
+        trials = self.trials
+        return len(trials) == self.settings.experiments and not any(t.pending for t in trials)
 
     @property
     def best(self) -> Trial:

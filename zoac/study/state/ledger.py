@@ -138,11 +138,6 @@ class Ledger:
         """Whether some parameters were measured more than once."""
         return len({trial.x for trial in self._trials}) < len(self._trials)
 
-    @property
-    def ended(self) -> int:
-        """How many trials have a result."""
-        return len(self._trials) - len(self.pending)
-
     def best(self, x: np.ndarray | None = None) -> Trial:
         """Return the trial of the least violation, and of the least cost among equals.
 
