@@ -196,6 +196,4 @@ def from_tune(given: Mapping[str, Any], defaults: Mapping[str, inspect.Parameter
         raise ConfigError("zoac.tune(cost=...) needs a space, such as {'kp': (0, 5)}")
     chosen = {name: given[name] for name in OPTIONS if given.get(name) is not None}
     chosen["constraints"] = given["constraints"] or None
-    if chosen["tuner"] == defaults["tuner"].default:
-        chosen["tuner"] = "auto"
     return tune_cost(given["cost"], **chosen)
