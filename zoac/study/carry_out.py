@@ -22,6 +22,7 @@ from zoac.core.errors import (
     suggest,
 )
 from zoac.runs.lock import HeldError, locked
+from zoac.runs.loggers.summary import shown
 from zoac.runs.result import Result, result_of
 from zoac.runs.schema import read_result
 from zoac.study.loop import CARRIED_OUT
@@ -79,8 +80,7 @@ def _told(study: Study, best: Trial) -> Iterator[str]:
     """Yield the last lines of a study for the console."""
     units = {p.name: p.unit for p in study.settings.space.parameters}
     for name, value in best.parameters.items():
-        number = format(value, ".6g") if isinstance(value, float) else value
-        yield f"  {name} = {number} {units.get(name, '')}".rstrip()
+        yield f"  {name} = {shown(value)} {units.get(name, '')}".rstrip()
     baseline = study.trial(1)
     compared = f"; baseline values: {told(baseline)}" if study.settings.baseline_first else ""
     yield f"  {told(best)}, experiment {best.number} of {study.settings.experiments}{compared}"
