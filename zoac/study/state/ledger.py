@@ -102,11 +102,6 @@ class Ledger:
         """All trials, by number."""
         return list(self._trials)
 
-    @property
-    def pending(self) -> list[Trial]:
-        """Trials without a result."""
-        return [trial for trial in self._trials if trial.pending]
-
     def next_number(self, experiments: int) -> int:
         """Return the number of the next trial.
 
@@ -114,7 +109,7 @@ class Ledger:
             StudyFinished: If the study's experiments have all been asked for.
         """
         if len(self._trials) == experiments:
-            out = len(self.pending)
+            out = sum(trial.pending for trial in self._trials)
             more = f"; {out} of them have no result yet" if out else ""
             raise StudyFinished(f"all {experiments} experiments have been asked for{more}")
         return len(self._trials) + 1
@@ -132,11 +127,6 @@ class Ledger:
                 f"each of the first {HOPELESS} experiments failed, so that there is nothing to "
                 f"learn from: {'; '.join(reasons)}\nMend that, and begin a new study"
             )
-
-    @property
-    def has_repetitions(self) -> bool:
-        """Whether some parameters were measured more than once."""
-        return len({trial.x for trial in self._trials}) < len(self._trials)
 
     def best(self, x: np.ndarray | None = None) -> Trial:
         """Return the trial of the least violation, and of the least cost among equals.
