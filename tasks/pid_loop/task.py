@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 from zoac.controllers.pid import PID
@@ -82,6 +81,7 @@ class PidLoop(Task):
         self.plants, self.pid, self.space = tuple(plants), pid, space
         self.experiment, self.baseline = experiment, baseline
         self.sample_time = pid.sample_time
+        self.shortest_horizon = experiment.settled
         asked = range(0, self.loops, len(experiment.noises))
         self.signals = signals_of(self.loops, asked)
         larger = signals_of(self.loops, [k for k in range(self.loops) if k not in asked])
@@ -93,11 +93,6 @@ class PidLoop(Task):
         self.objective = str(minimised)
         hard = [spec for spec in self.specs if spec.hard]
         self._strict = Judge(hard, larger, pid.sample_time, experiment.steps, space.named)
-
-    @cached_property
-    def shortest_horizon(self) -> int:
-        """See `Task.shortest_horizon`; here until a good loop has settled."""
-        return self.experiment.settled
 
     @property
     def loops(self) -> int:
