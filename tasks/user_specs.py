@@ -3,7 +3,6 @@
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -227,5 +226,4 @@ def shortest_horizon_of(env: gymnasium.Env) -> int:
 def objective_text(specs: Sequence[Spec], otherwise: str) -> str:
     """Return what is minimised, for people to read."""
     soft = [spec for spec in specs if not spec.hard]
-    terms = [f"{'' if s.weight == 1 else f'{s.weight:g} '}{replace(s, weight=1.0)}" for s in soft]
-    return " + ".join(terms) or otherwise
+    return " + ".join(f"{s}" if s.weight == 1 else f"{s.weight:g} {s}" for s in soft) or otherwise
