@@ -137,7 +137,6 @@ class Study:
         with self._ledger.writing():
             self._abandon_overdue()
             self._finish()
-            self._ledger.refuse_hopeless()
             number = self._ledger.next_number(self.settings.experiments)
             x = self._tuner.x(number, self._ledger.trial)
             x = self.settings.space.clip(x)

@@ -106,19 +106,8 @@ class Ledger:
         """Return the number of the next trial.
 
         Raises:
+            NothingWorksError: If each of the first `HOPELESS` failed.
             StudyFinished: If the study's experiments have all been asked for.
-        """
-        if len(self._trials) == experiments:
-            out = sum(trial.pending for trial in self._trials)
-            more = f"; {out} of them have no result yet" if out else ""
-            raise StudyFinished(f"all {experiments} experiments have been asked for{more}")
-        return len(self._trials) + 1
-
-    def refuse_hopeless(self) -> None:
-        """Refuse to go on if the first experiments all failed.
-
-        Raises:
-            NothingWorksError: If each of the first `HOPELESS` did.
         """
         first = self._trials[:HOPELESS]
         if len(first) == HOPELESS and all(t.state in ("failed", "abandoned") for t in first):
@@ -127,6 +116,11 @@ class Ledger:
                 f"each of the first {HOPELESS} experiments failed, so that there is nothing to "
                 f"learn from: {'; '.join(reasons)}\nMend that, and begin a new study"
             )
+        if len(self._trials) == experiments:
+            out = sum(trial.pending for trial in self._trials)
+            more = f"; {out} of them have no result yet" if out else ""
+            raise StudyFinished(f"all {experiments} experiments have been asked for{more}")
+        return len(self._trials) + 1
 
     def best(self, x: np.ndarray | None = None) -> Trial:
         """Return the trial of the least violation, and of the least cost among equals.
