@@ -3,7 +3,6 @@
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -16,7 +15,7 @@ from zoac.core.types import is_number
 from zoac.envs.objective import Objective
 from zoac.rollout.task import Task
 from zoac.specs.judge import check
-from zoac.specs.signals import Signal, action, diagnostic, info, named, observation
+from zoac.specs.signals import Signal, action, constant, diagnostic, info, observation
 from zoac.specs.spec import Spec
 
 SOURCES: dict[str, Callable[..., Signal]] = {
@@ -42,16 +41,31 @@ def signals_of(given: Mapping[str, Any]) -> dict[str, Signal]:
         ConfigError: If one is none of these.
     """
     if not isinstance(given, Mapping):
-        return named(given)  # says what is expected
-    return named({name: _source(name, value) for name, value in given.items()})
+        raise ConfigError(
+            f"signals={given!r}: expected signals by name, such as {{'y': zoac.observation(0)}}"
+        )
+    return {name: _signal(name, value) for name, value in given.items()}
 
 
-def _source(name: str, given: Any) -> Any:
+def _signal(name: str, given: Any) -> Signal:
     if isinstance(given, str):
         wanted = "a function of a segment"
-        return locate_code(given, f"signals.{name}", (Signal,), (np.ndarray,), wanted)
-    if not isinstance(given, Mapping):
+        given = locate_code(given, f"signals.{name}", (Signal,), (np.ndarray,), wanted)
+    if isinstance(given, Signal):
         return given
+    if isinstance(given, Mapping):
+        return _from_mapping(name, given)
+    if is_number(given):
+        return constant(given)
+    if callable(given):
+        return Signal(name, given)
+    raise ConfigError(
+        f"signals[{name!r}]={given!r}: expected zoac.observation(i), zoac.action(i), a "
+        "number, or a function of a segment"
+    )
+
+
+def _from_mapping(name: str, given: Mapping[str, Any]) -> Signal:
     fields = dict(given)
     unit = fields.pop("unit", "")
     if len(fields) != 1 or (kind := next(iter(fields))) not in SOURCES:
@@ -212,5 +226,4 @@ def shortest_horizon_of(env: gymnasium.Env) -> int:
 def objective_text(specs: Sequence[Spec], otherwise: str) -> str:
     """Return what is minimised, for people to read."""
     soft = [spec for spec in specs if not spec.hard]
-    terms = [f"{'' if s.weight == 1 else f'{s.weight:g} '}{replace(s, weight=1.0)}" for s in soft]
-    return " + ".join(terms) or otherwise
+    return " + ".join(f"{s}" if s.weight == 1 else f"{s.weight:g} {s}" for s in soft) or otherwise

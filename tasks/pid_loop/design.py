@@ -75,13 +75,12 @@ def designed(
     ]
     _long_enough(design, limit)
     tried = [*([today] if today else []), *candidates(design)]
-    best, steps = screened(design, tried)
-    if steps > LONGER * MAX_STEPS:  # nothing settled
+    best, settled = screened(design, tried)
+    if settled > MAX_STEPS:
         _refuse_slow_loops(design)
-    settled = round(steps / LONGER)
     today = today or best
-    shortest = math.ceil(LONGER * limit / design.sample_time)
-    steps = min(MAX_STEPS, max(MIN_STEPS, steps, shortest))
+    shortest = math.ceil(max(LONGER * settled, LONGER * limit / design.sample_time))
+    steps = min(MAX_STEPS, max(MIN_STEPS, shortest))
     experiment = experiment_of(design, tried, steps)
     experiment = replace(experiment, noise=design.noise, settled=settled)
     space = space_around(best, today, design.sample_time)
@@ -115,11 +114,11 @@ def _refuse_slow_loops(design: Design) -> None:
     coarse = design
     while MAX_STEPS * coarse.sample_time < SLOWEST * slowest:
         coarse = replace(coarse, sample_time=COARSER * coarse.sample_time)
-        _, steps = screened(coarse, candidates(coarse))
-        if steps <= LONGER * MAX_STEPS:
-            seconds = steps * coarse.sample_time
-            settled = f"a good loop takes about {seconds / LONGER:.2g} s to settle"
-            raise _too_fast(design, settled, seconds)
+        _, settled = screened(coarse, candidates(coarse))
+        if settled <= MAX_STEPS:
+            seconds = settled * coarse.sample_time
+            reason = f"a good loop takes about {seconds:.2g} s to settle"
+            raise _too_fast(design, reason, LONGER * seconds)
 
 
 def _too_fast(design: Design, reason: str, needed: float) -> ConfigError:
@@ -244,9 +243,10 @@ def _gain_at_rest(system: Any) -> float:
 
 
 def screened(design: Design, candidates: Sequence[Gains]) -> tuple[Gains, int]:
-    """Return the gains of the smallest integral of the absolute error, and an episode's half.
+    """Return the gains of the smallest integral of the absolute error, and the steps to settle.
 
-    The screening is repeated with longer episodes until a good loop settles early in one.
+    The screening is repeated with longer episodes until a good loop settles early in one; more
+    than `MAX_STEPS` steps if none does.
     """
     names = list(candidates[0])
     widest = [(min(c[n] for c in candidates), max(c[n] for c in candidates)) for n in names]
@@ -267,7 +267,7 @@ def screened(design: Design, candidates: Sequence[Gains]) -> tuple[Gains, int]:
         good = [s for s, cost in zip(segments, costs, strict=True) if cost <= GOOD * costs.min()]
         settled = min(_settled(s, task) for s in good)
         if steps == MAX_STEPS or settled * LONGER <= steps:
-            return candidates[int(costs.argmin())], math.ceil(LONGER * settled)
+            return candidates[int(costs.argmin())], settled
         steps *= 3
 
 

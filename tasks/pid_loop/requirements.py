@@ -1,7 +1,7 @@
 """Specs of a loop with a PID: what is looked at when, and margins without a simulation."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -20,29 +20,12 @@ OF_THE_STEP = ("overshoot", "settling_time", "rise_time", "steady_state_error")
 """Figures of the reference's step: judged before the load begins."""
 
 
-@dataclass(frozen=True)
 class WorstPlant(Spec):
-    """A soft spec of several plants: the worst one counts, of each the mean over its draws.
-
-    Args:
-        plants: Number of plants; the columns of a signal are plant after plant.
-    """
-
-    plants: int = 1
+    """A soft spec of several plants: the worst one counts."""
 
     def of_episode(self, episode: Episode) -> float:
         """Return the figure of the worst plant."""
-        if episode.ended < 1.0:
-            return self.worst
-        return max(super(WorstPlant, self).of_episode(self._part(episode, k))
-                   for k in range(self.plants))  # fmt: skip
-
-    def _part(self, episode: Episode, plant: int) -> Episode:
-        parts = {}
-        for name, samples in episode.values.items():
-            draws = samples.shape[1] // self.plants
-            parts[name] = samples[:, plant * draws : (plant + 1) * draws]
-        return Episode(episode.time, parts)
+        return self.worst if episode.ended < 1.0 else max(self.of_loops(episode))
 
 
 def objective_of(given: str | Spec, plants: int) -> Spec:
@@ -60,20 +43,13 @@ def objective_of(given: str | Spec, plants: int) -> Spec:
             f"objective={given!r}: expected {', '.join(map(repr, OBJECTIVES))}, or a spec without "
             "a limit"
         )
-    if plants == 1:
-        return given
-    return WorstPlant(**{**vars(given), "plants": plants})
+    return given if plants == 1 else WorstPlant(**vars(given))
 
 
 class LoopsOf:
     """The loops of the plants with a PID, as a function of its gains."""
 
     def __init__(self, loops: Sequence[SampledLoop], pid: PID) -> None:
-        """
-        Args:
-            loops: One per plant.
-            pid: The controller's structure.
-        """
         self._loops, self._pid = tuple(loops), pid
         self._latest: tuple[dict[str, Any], list[ClosedLoop]] = ({}, [])
 

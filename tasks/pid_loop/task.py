@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 from zoac.controllers.pid import PID
@@ -15,12 +14,10 @@ from zoac.specs.judge import Judge
 from zoac.specs.spec import Spec
 from zoac.tasks.pid_loop.requirements import LoopsOf, fitted, objective_of, signals_of
 
-DRAWS = 1
-"""Draws of the noise that each plant meets in an episode."""
-
 STRICT_DRAWS = 7
-"""Further draws, of a larger noise, on which the search judges hard specs: those that hold there
-hold for the noise that was asked for in many more episodes than a search can spend."""
+"""Draws of a larger noise, beside the one that was asked for, on which the search judges hard
+specs: those that hold there hold for the noise that was asked for in many more episodes than a
+search can spend."""
 
 RESERVE = 1.75
 """The larger noise over the one that was asked for."""
@@ -48,16 +45,9 @@ class Experiment:
 
     @property
     def noises(self) -> tuple[float, ...]:
-        """Standard deviations of the draws of the noise that each plant meets at once."""
-        if not self.noise:
-            return (0.0,)
-        return (self.noise,) * DRAWS + (RESERVE * self.noise,) * STRICT_DRAWS
-
-    def columns(self, plants: int, strict: bool) -> list[int]:
-        """Return which loops have the noise that was asked for, or the larger one."""
-        draws = len(self.noises)
-        chosen = range(DRAWS if strict else 0, draws if strict else DRAWS) if self.noise else [0]
-        return [plant * draws + draw for plant in range(plants) for draw in chosen]
+        """Standard deviations of the draws that each plant meets at once, `noise` the first."""
+        larger = STRICT_DRAWS if self.noise else 0
+        return (self.noise, *[RESERVE * self.noise] * larger)
 
 
 class PidLoop(Task):
@@ -91,10 +81,10 @@ class PidLoop(Task):
         self.plants, self.pid, self.space = tuple(plants), pid, space
         self.experiment, self.baseline = experiment, baseline
         self.sample_time = pid.sample_time
-        self.signals, strict = (
-            signals_of(self.loops, experiment.columns(len(self.plants), strict))
-            for strict in (False, True)
-        )
+        self.shortest_horizon = experiment.settled
+        asked = range(0, self.loops, len(experiment.noises))
+        self.signals = signals_of(self.loops, asked)
+        larger = signals_of(self.loops, [k for k in range(self.loops) if k not in asked])
         loops = LoopsOf([SampledLoop(plant, pid.sample_time) for plant in self.plants], pid)
         self._closed = loops
         load_at = experiment.load_at * pid.sample_time
@@ -102,12 +92,7 @@ class PidLoop(Task):
         self.specs = (*(fitted(spec, loops, load_at) for spec in specs), minimised)
         self.objective = str(minimised)
         hard = [spec for spec in self.specs if spec.hard]
-        self._strict = Judge(hard, strict, pid.sample_time, experiment.steps, space.named)
-
-    @cached_property
-    def shortest_horizon(self) -> int:
-        """See `Task.shortest_horizon`; here until a good loop has settled."""
-        return self.experiment.settled
+        self._strict = Judge(hard, larger, pid.sample_time, experiment.steps, space.named)
 
     @property
     def loops(self) -> int:

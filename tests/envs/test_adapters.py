@@ -180,7 +180,8 @@ def test_a_controller_that_raises_is_told_with_its_parameters():
 
 
 def test_a_plain_function_has_no_memory():
-    assert ScalarController(lambda params, obs: 0.0, {}).init(3) == {}
+    space, _, _ = parse_space({"k": (0, 1)})
+    assert ScalarController(lambda params, obs: 0.0, {}, space).init(3) == {}
 
 
 def test_every_way_to_write_a_space():

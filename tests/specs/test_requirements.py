@@ -26,11 +26,6 @@ def test_a_figure_is_that_of_the_named_signals():
     assert specs.peak("r").of_episode(overshooting(0.2)) == 1.0
 
 
-def test_an_unknown_signal_gets_the_nearest():
-    with pytest.raises(ConfigError, match="no signal 'yy'; did you mean 'y'"):
-        specs.overshoot("yy", "r").of_episode(overshooting(0.0))
-
-
 def test_an_episode_that_ended_early_breaks_every_limit():
     late = episode(np.ones_like(T), ended=0.5)
     for spec in (specs.overshoot("y", "r", max=1.0), specs.rise_time("y", "r", min=0.1)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -25,11 +26,6 @@ class LoopsPID:
     """The same PID in each of the m loops of a `LoopVecEnv`."""
 
     def __init__(self, pid: PID, loops: int) -> None:
-        """
-        Args:
-            pid: Its structure.
-            loops: m.
-        """
         self._pid, self._loops = pid, loops
 
     def init(self, n: int) -> dict[str, np.ndarray]:
@@ -75,26 +71,26 @@ class SampledLoop:
         return ClosedLoop(self, (kp, ki, kd, tf), self._plant * c)
 
 
+@dataclass(frozen=True, eq=False)
 class ClosedLoop:
-    """A loop with its gains: what its frequency response shows."""
+    """A loop with its gains: what its frequency response shows.
 
-    def __init__(
-        self, loop: SampledLoop, gains: tuple[float, float, float, float], response: np.ndarray
-    ) -> None:
-        """
-        Args:
-            loop: The plant.
-            gains: Kp, Ki, Kd and Tf.
-            response: Of the open loop at `loop.omega`, (K,) complex.
-        """
-        self._loop, self._gains, self._response = loop, gains, response
+    Args:
+        loop: The plant.
+        gains: Kp, Ki, Kd and Tf.
+        response: Of the open loop at `loop.omega`, (K,) complex.
+    """
+
+    loop: SampledLoop
+    gains: tuple[float, float, float, float]
+    response: np.ndarray
 
     @cached_property
     def is_stable(self) -> bool:
         """Whether all poles of the closed loop lie inside the unit circle."""
-        a, b, c = self._loop.plant.state_space()
-        kp, ki, kd, tf = self._gains
-        ts, q = self._loop.sample_time, len(c)
+        a, b, c = self.loop.plant.state_space()
+        kp, ki, kd, tf = self.gains
+        ts, q = self.loop.sample_time, len(c)
         kept, kick = tf / (tf + ts), kd / (tf + ts)
         # The states are the plant's, the integral, and the derivative without its latest kick.
         closed = np.zeros((q + 2, q + 2))
@@ -110,7 +106,7 @@ class ClosedLoop:
         """Return the factor above 1 by which the loop's gain may grow until it is unstable."""
         if not self.is_stable:
             return 0.0
-        response = self._response
+        response = self.response
         crossing = np.flatnonzero(response.imag[:-1] * response.imag[1:] <= 0)
         before, after = response[crossing], response[crossing + 1]
         part = before.imag / np.where(before.imag == after.imag, 1.0, before.imag - after.imag)
@@ -123,28 +119,28 @@ class ClosedLoop:
         if not self.is_stable:
             return 0.0
         with np.errstate(divide="ignore"):  # gains of 0
-            log = np.log(np.abs(self._response))
+            log = np.log(np.abs(self.response))
         crossing = np.flatnonzero(log[:-1] * log[1:] <= 0)
         part = log[crossing] / (log[crossing] - log[crossing + 1])
-        angle = np.angle(-self._response)
-        turn = np.angle(self._response[crossing + 1] / self._response[crossing])
+        angle = np.angle(-self.response)
+        turn = np.angle(self.response[crossing + 1] / self.response[crossing])
         margins = np.abs(np.angle(np.exp(1j * (angle[crossing] + part * turn))))
         return math.degrees(margins.min(initial=np.inf))
 
     def max_sensitivity(self) -> float:
         """Return Ms, the largest magnitude of 1 / (1 + L)."""
-        return float(1.0 / np.abs(1.0 + self._response).min()) if self.is_stable else np.inf
+        return float(1.0 / np.abs(1.0 + self.response).min()) if self.is_stable else np.inf
 
     def disk_margin(self) -> float:
         """Return the symmetric disk margin; see `zoac.specs.loops.disk_margin`."""
         if not self.is_stable:
             return 0.0
-        return float((2.0 * np.abs((1 + self._response) / (1 - self._response))).min())
+        return float((2.0 * np.abs((1 + self.response) / (1 - self.response))).min())
 
     def bandwidth(self) -> float:
         """Return the frequency [rad/s] at which the closed loop has lost 3 dB of its gain."""
         if not self.is_stable:
             return 0.0
-        closed = np.abs(self._response / (1 + self._response))
+        closed = np.abs(self.response / (1 + self.response))
         below = np.flatnonzero(closed < closed[0] * math.sqrt(0.5))
-        return float(self._loop.omega[below[0]]) if len(below) else np.inf
+        return float(self.loop.omega[below[0]]) if len(below) else np.inf

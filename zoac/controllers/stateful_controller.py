@@ -17,10 +17,6 @@ class StatefulController:
     """
 
     def __init__(self, make: Callable[[], Any]) -> None:
-        """
-        Args:
-            make: Makes the object.
-        """
         self._make = make
         self._object = make()
         self._used, self._begins = False, True

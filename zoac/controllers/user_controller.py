@@ -94,7 +94,7 @@ class ScalarController:
         self,
         controller: Callable[..., Any],
         fixed: Mapping[str, float],
-        space: ParameterSpace | None = None,
+        space: ParameterSpace,
         remembers: bool = False,
     ) -> None:
         """
@@ -106,8 +106,7 @@ class ScalarController:
             remembers: `controller` makes an object with such a method; see `StatefulController`.
         """
         self._controller, self._remembers = controller, remembers
-        parameters = space.parameters if space is not None else ()
-        self._plain = {p.name: p.plain for p in parameters if p.kind != "real"}
+        self._plain = {p.name: p.plain for p in space.parameters if p.kind != "real"}
         self._fixed = dict(fixed)
 
     def init(self, n: int) -> Memory:
@@ -132,10 +131,9 @@ class ScalarController:
         own = [o.act for o in memory["controller"]] if self._remembers else [self._controller] * n
         for act, numbers, observation in zip(own, rows, obs.copy(), strict=True):
             values = dict(zip(names, numbers, strict=True))
-            if self._fixed or self._plain:
-                values |= self._fixed
-                for name, plain in self._plain.items():
-                    values[name] = plain(values[name])
+            values |= self._fixed
+            for name, plain in self._plain.items():
+                values[name] = plain(values[name])
             action = act(values, observation)
             if action is None:
                 raise TypeError("act returned None, expected a number or an array")
@@ -148,11 +146,6 @@ class WithFixed:
     """A batched `Controller` that also gets parameters that are not tuned."""
 
     def __init__(self, controller: Controller, fixed: Mapping[str, float]) -> None:
-        """
-        Args:
-            controller: The controller.
-            fixed: What it gets, by name.
-        """
         self._controller, self._fixed = controller, dict(fixed)
 
     def init(self, n: int) -> Memory:

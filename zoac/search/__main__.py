@@ -17,7 +17,7 @@ from omegaconf import OmegaConf
 
 from zoac.config.compose import compose_config
 from zoac.config.validate import check_arguments
-from zoac.core.errors import ConfigError, ZoacError, suggest
+from zoac.core.errors import ConfigError, ZoacError
 from zoac.run.pipes import reader_may_leave
 from zoac.search.search import Search
 
@@ -51,13 +51,6 @@ def split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
 
 def _options_of_search(runs: Sequence[str], own: Sequence[str]) -> dict[str, Any]:
     """Return `Search`'s options from the command line, checked."""
-    choice, *changes = own
-    known = [str(key) for key in compose_config([*runs, choice]).search]
-    for change in changes:
-        path = change.lstrip("+~").partition("=")[0]
-        name = path.split(".")[1]
-        if name not in known:
-            raise ConfigError(f"unknown key 'search.{name}'; {suggest(name, known)}")
     node = compose_config([*runs, *own]).search
     plain = OmegaConf.to_container(node, resolve=True)
     assert isinstance(plain, dict)

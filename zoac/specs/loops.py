@@ -34,7 +34,7 @@ def gain_margin(loop: Any) -> float:
     """Return the factor above 1 by which the loop's gain may grow until it is unstable."""
     if not is_stable(loop):
         return 0.0
-    at = _crossings(lambda omega: _response(loop, omega).imag, _frequencies(loop))
+    at = _crossings(loop, lambda omega: _response(loop, omega).imag)
     real = _response(loop, np.append(at, _ends(loop))).real
     # Rounding may put the response of a loop at its limit on either side of -1.
     return float(np.min(-1.0 / real[(real < 0) & (real > -1.0 - 1e-9)], initial=np.inf))
@@ -44,7 +44,7 @@ def phase_margin(loop: Any) -> float:
     """Return the phase [deg] that the loop may lose where its gain is 1 until it is unstable."""
     if not is_stable(loop):
         return 0.0
-    at = _crossings(lambda omega: np.abs(_response(loop, omega)) - 1.0, _frequencies(loop))
+    at = _crossings(loop, lambda omega: np.abs(_response(loop, omega)) - 1.0)
     return math.degrees(np.min(np.abs(np.angle(-_response(loop, at))), initial=np.inf))
 
 
@@ -61,7 +61,7 @@ def disk_margin(loop: Any) -> float:
         response = _response(loop, omega)
         return np.abs((1.0 - response) / (1.0 + response)) / 2.0
 
-    largest = _highest(inverse, _frequencies(loop))
+    largest = _highest(loop, inverse)
     return 1.0 / largest if largest else np.inf
 
 
@@ -69,7 +69,7 @@ def max_sensitivity(loop: Any) -> float:
     """Return Ms, the largest magnitude of 1 / (1 + L): one over the distance of L to -1."""
     if not is_stable(loop):
         return np.inf
-    return _highest(lambda omega: 1.0 / np.abs(1.0 + _response(loop, omega)), _frequencies(loop))
+    return _highest(loop, lambda omega: 1.0 / np.abs(1.0 + _response(loop, omega)))
 
 
 def bandwidth(loop: Any) -> float:
@@ -83,7 +83,7 @@ def bandwidth(loop: Any) -> float:
         return 0.0
     closed = control.feedback(loop, 1)
     level = math.sqrt(0.5) * abs(_response(closed, np.zeros(1))[0])
-    at = _crossings(lambda omega: np.abs(_response(closed, omega)) - level, _frequencies(loop))
+    at = _crossings(loop, lambda omega: np.abs(_response(closed, omega)) - level)
     return float(at[0]) if len(at) else np.inf
 
 
@@ -171,13 +171,9 @@ def beside(roots: np.ndarray, omega: np.ndarray) -> np.ndarray:
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # at a pole on the axis
-def _highest(figure: Figure, omega: np.ndarray) -> float:
-    """Return the largest value of a figure: its largest on a grid, refined between the neighbours.
-
-    Args:
-        figure: What is looked at.
-        omega: The grid (K,) [rad/s].
-    """
+def _highest(loop: Any, figure: Figure) -> float:
+    """Return the largest value of a figure: on the loop's grid, refined between the neighbours."""
+    omega = _frequencies(loop)
     values = figure(omega)
     for _ in range(REFINEMENTS):
         k = int(np.nanargmax(values))
@@ -191,13 +187,12 @@ REFINEMENTS, REFINED = 3, 41
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # at a pole on the axis
-def _crossings(figure: Figure, omega: np.ndarray) -> np.ndarray:
+def _crossings(loop: Any, figure: Figure) -> np.ndarray:
     """Return the frequencies (N,) [rad/s] at which a figure changes its sign.
 
-    Args:
-        figure: What is looked at.
-        omega: A grid (K,) [rad/s]; one change between two of its points is found.
+    One change between two points of the loop's grid is found.
     """
+    omega = _frequencies(loop)
     values = figure(omega)
     omega, signs = omega[np.isfinite(values)], np.sign(values[np.isfinite(values)])
     at = np.flatnonzero(signs[:-1] != signs[1:])

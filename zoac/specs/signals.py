@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from zoac.core.errors import ConfigError, suggest
+from zoac.core.errors import ConfigError
 from zoac.core.measures import read_from
 from zoac.core.segments import Segment
-from zoac.core.types import is_number
 
 
 @dataclass(frozen=True)
@@ -110,32 +109,6 @@ def constant(value: float, unit: str = "") -> Signal:
     return Signal(f"{value:g}", lambda s: np.full(s.length + 1, number), unit, number=number)
 
 
-def named(signals: Mapping[str, Any]) -> dict[str, Signal]:
-    """Return signals by name from what a user gives: a `Signal`, a number, a function of a segment.
-
-    Raises:
-        ConfigError: If one is none of these.
-    """
-    if not isinstance(signals, Mapping):
-        raise ConfigError(
-            f"signals={signals!r}: expected signals by name, such as {{'y': zoac.observation(0)}}"
-        )
-    found = {}
-    for name, given in signals.items():
-        if isinstance(given, Signal):
-            found[name] = given
-        elif is_number(given):
-            found[name] = constant(given)
-        elif callable(given):
-            found[name] = Signal(name, given)
-        else:
-            raise ConfigError(
-                f"signals[{name!r}]={given!r}: expected zoac.observation(i), zoac.action(i), a "
-                "number, or a function of a segment"
-            )
-    return found
-
-
 @dataclass(frozen=True, eq=False)
 class Episode:
     """The signals of one episode.
@@ -175,8 +148,3 @@ class Episode:
             )
         values = {name: samples[inside] for name, samples in self.values.items()}
         return Episode(self.time[inside], values, self.ended)
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        if name not in self.values:
-            raise ConfigError(f"no signal {name!r}; {suggest(name, self.values)}")
-        return self.values[name]

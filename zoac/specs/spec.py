@@ -164,10 +164,10 @@ class Spec:
         if episode.ended < 1.0 and not self.of_loop:
             return 3.0 - episode.ended
         if not self.hard:
-            return 0.0 if math.isfinite(value) else _graded(NEVER)
+            return 0.0 if math.isfinite(value) else graded(NEVER)
         if self.beyond is not None and self.max is not None and value == math.inf:
             value = self._finite_beyond(self.beyond, self.max, episode)
-        return _graded(self.excess(value))
+        return graded(self.excess(value))
 
     def _finite_beyond(self, beyond: Callable[..., float], most: float, episode: Episode) -> float:
         """Return the time [s] above the limit `most` that stands for an infinite one."""
@@ -183,7 +183,7 @@ class Spec:
             figure: Another one in the place of this spec's.
         """
         episode = episode.within(self.window)
-        samples = [episode[name] for name in self.signals]
+        samples = [episode.values[name] for name in self.signals]
         count = max(s.shape[1] if s.ndim > 1 else 1 for s in samples)
         columns = [[s if s.ndim == 1 else s[:, j] for s in samples] for j in range(count)]
         of = figure or self.figure
@@ -278,8 +278,11 @@ class Spec:
         return f"{self}: {limits}, {counted}{weight}"
 
 
-def _graded(excess: float) -> float:
-    return 1.0 + excess / (1.0 + excess) if excess > 0 else 0.0
+def graded(excess: float) -> float:
+    """Return 1 + v / (1 + v) for an excess v above 0, NaN being one without bound; else 0."""
+    if excess <= 0.0:
+        return 0.0
+    return 1.0 + excess / (1.0 + excess) if excess < math.inf else 2.0
 
 
 def _is_cvar(over: Any) -> bool:

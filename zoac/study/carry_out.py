@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import shlex
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -23,6 +22,7 @@ from zoac.core.errors import (
     suggest,
 )
 from zoac.runs.lock import HeldError, locked
+from zoac.runs.loggers.summary import shown
 from zoac.runs.result import Result, result_of
 from zoac.runs.schema import read_result
 from zoac.study.loop import CARRIED_OUT
@@ -60,8 +60,8 @@ def tune_cost(
     """
     if not callable(cost):
         raise ConfigError(f"cost={cost!r}: expected a function of the parameters, or zoac.program")
-    where = Path(folder or tempfile.mkdtemp(prefix="zoac-study-")).expanduser()
-    study = Study(folder=where, **options)
+    study = Study(folder=folder, **options)
+    where = study.folder
     again = "the same call" if folder else f"the same call with folder={str(where)!r}"
     try:
         with locked(where / CARRIED_OUT):
@@ -80,8 +80,7 @@ def _told(study: Study, best: Trial) -> Iterator[str]:
     """Yield the last lines of a study for the console."""
     units = {p.name: p.unit for p in study.settings.space.parameters}
     for name, value in best.parameters.items():
-        number = format(value, ".6g") if isinstance(value, float) else value
-        yield f"  {name} = {number} {units.get(name, '')}".rstrip()
+        yield f"  {name} = {shown(value)} {units.get(name, '')}".rstrip()
     baseline = study.trial(1)
     compared = f"; baseline values: {told(baseline)}" if study.settings.baseline_first else ""
     yield f"  {told(best)}, experiment {best.number} of {study.settings.experiments}{compared}"
@@ -197,6 +196,4 @@ def from_tune(given: Mapping[str, Any], defaults: Mapping[str, inspect.Parameter
         raise ConfigError("zoac.tune(cost=...) needs a space, such as {'kp': (0, 5)}")
     chosen = {name: given[name] for name in OPTIONS if given.get(name) is not None}
     chosen["constraints"] = given["constraints"] or None
-    if chosen["tuner"] == defaults["tuner"].default:
-        chosen["tuner"] = "auto"
     return tune_cost(given["cost"], **chosen)

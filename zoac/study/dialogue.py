@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import Any
 
 from zoac.core.errors import ConfigError, StudyError, StudyFinished, TrialsPending
+from zoac.runs.loggers.summary import shown
 from zoac.study.state.ledger import told
 from zoac.study.state.trial import Trial
 from zoac.study.study import Study
@@ -86,5 +87,4 @@ def _show(study: Study, parameters: Mapping[str, Any]) -> None:
     units = {p.name: p.unit for p in study.settings.space.parameters}
     width = max(map(len, parameters))
     for name, value in parameters.items():
-        shown = f"{value:.6g}" if isinstance(value, float) else value
-        print(f"  {name:{width}}  {shown} {units.get(name, '')}".rstrip())
+        print(f"  {name:{width}}  {shown(value)} {units.get(name, '')}".rstrip())

@@ -71,18 +71,11 @@ class ProgramError(ZoacError):
 
 
 class Program:
-    """A program that is given parameters and answers with a cost; made by `program`."""
+    """A program that is given parameters and answers with a cost; see `program`."""
 
     def __init__(
         self, command: list[str], timeout: float | None, retries: int, folder: Path
     ) -> None:
-        """
-        Args:
-            command: The program and its arguments.
-            timeout: Seconds after which a run is killed; None: never.
-            retries: How often a run that failed is repeated.
-            folder: Where it runs.
-        """
         self.command, self.timeout, self.retries, self._cwd = command, timeout, retries, folder
         self._running: set[subprocess.Popen[bytes]] = set()
         self._mutex = threading.Lock()

@@ -137,7 +137,6 @@ class Study:
         with self._ledger.writing():
             self._abandon_overdue()
             self._finish()
-            self._ledger.refuse_hopeless()
             number = self._ledger.next_number(self.settings.experiments)
             x = self._tuner.x(number, self._ledger.trial)
             x = self.settings.space.clip(x)
@@ -147,7 +146,7 @@ class Study:
 
     def _abandon_overdue(self) -> None:
         limit = self.trial_timeout or np.inf
-        for trial in self._ledger.pending:
+        for trial in self.pending:
             if time.time() - trial.asked > limit:
                 reason = {"reason": f"no result within {limit:g} s"}
                 self._ledger.write("abandoned", trial.number, reason)
@@ -228,12 +227,13 @@ class Study:
     @property
     def pending(self) -> list[Trial]:
         """Trials without a result."""
-        return self._ledger.refreshed().pending
+        return [trial for trial in self.trials if trial.pending]
 
     @property
     def finished(self) -> bool:
         """Whether every experiment has a result."""
-        return self._ledger.refreshed().ended == self.settings.experiments
+        trials = self.trials
+        return len(trials) == self.settings.experiments and not any(t.pending for t in trials)
 
     @property
     def best(self) -> Trial:
@@ -254,8 +254,10 @@ class Study:
     @property
     def _conclusion(self) -> tuple[Trial, dict[str, Any]]:
         with self._ledger.mutex:
+            trials = self.trials
             tested = self.settings.acceptance_test is not None
-            again = self._ledger.has_repetitions and self._tuner.tuner.measures_again
+            repeats = len({trial.x for trial in trials}) < len(trials)
+            again = repeats and self._tuner.tuner.measures_again
             if not self.finished or not (tested or again):
                 return self._ledger.best(), {}
             x, outcome = self._tuner.conclusion(self._ledger.trial)

@@ -117,7 +117,7 @@ def write_result(
         best: The answer.
         outcome: What the tuner adds to the result.
     """
-    rows = [*_improvements(trials), {**_row(best, trials, len(trials)), "final": True}]
+    rows = [*_improvements(trials), {**_row(best, trials), "final": True}]
     lines = "".join(map(schema.json_line, rows))
     schema.write_atomically(folder / schema.METRICS, lines.encode())
     run = schema.read_run(folder)
@@ -130,7 +130,7 @@ def result(settings: StudySettings, trials: Sequence[Trial], best: Trial) -> dic
     """Return what a result says of a study, finished or not."""
     bad = [t for t in trials if t.state in ("failed", "abandoned")]
     found = {
-        **_row(best, trials, len(trials)),
+        **_row(best, trials),
         "experiments": len(trials),
         "best_trial": best.number,
         "failures": len(bad),
@@ -156,18 +156,18 @@ def _improvements(trials: Sequence[Trial]) -> list[dict[str, Any]]:
             continue
         if best is None or (trial.violation, trial.cost) < (best.violation, best.cost):
             best = trial
-            rows.append({**_row(trial, trials, count), "final": False})
+            rows.append({**_row(trial, trials[:count]), "final": False})
     return rows
 
 
-def _row(best: Trial, trials: Sequence[Trial], count: int) -> dict[str, Any]:
-    """Return an evaluation row: the best after so many experiments, measured as often as it was."""
-    costs = [t.cost for t in trials[:count] if t.state == "told" and t.x == best.x]
+def _row(best: Trial, trials: Sequence[Trial]) -> dict[str, Any]:
+    """Return an evaluation row: the best of so many experiments, measured as often as it was."""
+    costs = [t.cost for t in trials if t.state == "told" and t.x == best.x]
     values = np.array(costs, dtype=np.float64)
-    ended = [t.ended for t in trials[:count] if t.ended is not None]
+    ended = [t.ended for t in trials if t.ended is not None]
     return {
         "kind": "eval",
-        "env_steps": count,
+        "env_steps": len(trials),
         "wall_seconds": round(max(ended, default=0.0) - trials[0].asked, 3),
         "cost_mean": float(values.mean()) if len(values) else math.nan,
         "cost_std": float(values.std(ddof=1)) if len(values) > 1 else 0.0,

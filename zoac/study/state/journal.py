@@ -27,10 +27,6 @@ class Journal:
     """The journal in a folder, read from where the last reading ended."""
 
     def __init__(self, folder: Path) -> None:
-        """
-        Args:
-            folder: Of the study; exists.
-        """
         self.path = folder / JOURNAL
         self._lock = folder / ".lock"
         self._read = 0  # bytes
@@ -79,17 +75,14 @@ class Journal:
 
         All earlier rows must have been read: what follows them is part of a line.
         """
-        left = memoryview(json_line(row).encode())
         is_new = not self.path.exists()
-        descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
-        with os.fdopen(descriptor, "r+b", buffering=0) as file:
+        with open(self.path, "a+b") as file:
             file.seek(self._read)
             if b"\n" in file.read():
                 raise RunFolderError(f"{self.path}: another process wrote without the lock")
             file.truncate(self._read)
-            file.seek(self._read)
-            while left:
-                left = left[file.write(left) :]
+            file.write(json_line(row).encode())
+            file.flush()
             os.fsync(file.fileno())
         if is_new:
             sync_folder(self.path.parent)

@@ -30,11 +30,6 @@ class Ledger:
     """The trials of a study, as its journal tells them; for several threads."""
 
     def __init__(self, folder: Path, limits: Mapping[str, float]) -> None:
-        """
-        Args:
-            folder: Of the study.
-            limits: Of constraints, by name.
-        """
         self._journal, self._limits = Journal(folder), limits
         self.mutex = threading.RLock()  # who holds it may ask the tuner
         self._trials: list[Trial] = []
@@ -107,28 +102,12 @@ class Ledger:
         """All trials, by number."""
         return list(self._trials)
 
-    @property
-    def pending(self) -> list[Trial]:
-        """Trials without a result."""
-        return [trial for trial in self._trials if trial.pending]
-
     def next_number(self, experiments: int) -> int:
         """Return the number of the next trial.
 
         Raises:
+            NothingWorksError: If each of the first `HOPELESS` failed.
             StudyFinished: If the study's experiments have all been asked for.
-        """
-        if len(self._trials) == experiments:
-            out = len(self.pending)
-            more = f"; {out} of them have no result yet" if out else ""
-            raise StudyFinished(f"all {experiments} experiments have been asked for{more}")
-        return len(self._trials) + 1
-
-    def refuse_hopeless(self) -> None:
-        """Refuse to go on if the first experiments all failed.
-
-        Raises:
-            NothingWorksError: If each of the first `HOPELESS` did.
         """
         first = self._trials[:HOPELESS]
         if len(first) == HOPELESS and all(t.state in ("failed", "abandoned") for t in first):
@@ -137,16 +116,11 @@ class Ledger:
                 f"each of the first {HOPELESS} experiments failed, so that there is nothing to "
                 f"learn from: {'; '.join(reasons)}\nMend that, and begin a new study"
             )
-
-    @property
-    def has_repetitions(self) -> bool:
-        """Whether some parameters were measured more than once."""
-        return len({trial.x for trial in self._trials}) < len(self._trials)
-
-    @property
-    def ended(self) -> int:
-        """How many trials have a result."""
-        return len(self._trials) - len(self.pending)
+        if len(self._trials) == experiments:
+            out = sum(trial.pending for trial in self._trials)
+            more = f"; {out} of them have no result yet" if out else ""
+            raise StudyFinished(f"all {experiments} experiments have been asked for{more}")
+        return len(self._trials) + 1
 
     def best(self, x: np.ndarray | None = None) -> Trial:
         """Return the trial of the least violation, and of the least cost among equals.

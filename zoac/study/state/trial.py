@@ -13,7 +13,7 @@ from zoac.core.errors import ConfigError, suggest
 from zoac.core.measures import refuse_reserved
 from zoac.core.types import is_number
 from zoac.runs.schema import plain
-from zoac.specs.spec import Spec
+from zoac.specs.spec import Spec, graded
 from zoac.specs.trace import judged
 
 if TYPE_CHECKING:
@@ -142,9 +142,8 @@ def _number(value: Any, what: str) -> float:
 def violation(constraints: Mapping[str, float], limits: Mapping[str, float]) -> float:
     """Return by how much measured values exceed their limits, as `zoac.rollout.constraints` does.
 
-    Each exceeded constraint counts 1 + v / (1 + v), v being the excess relative to the limit. A
-    constraint without a limit has the limit 0, and an excess of 1 then counts as v = 1. NaN exceeds
-    every limit without bound; minus infinity exceeds none.
+    Each counts as `graded` by its excess relative to the limit. A constraint without a limit has
+    the limit 0, and an excess of 1 then counts as v = 1.
 
     Args:
         constraints: Measured values by name.
@@ -153,11 +152,7 @@ def violation(constraints: Mapping[str, float], limits: Mapping[str, float]) -> 
     total = 0.0
     for name, value in constraints.items():
         limit = limits.get(name, 0.0)
-        excess = (value - limit) / (abs(limit) or 1.0)
-        if math.isnan(excess) or excess == math.inf:
-            total += 2.0
-        elif excess > 0:
-            total += 1.0 + excess / (1.0 + excess)
+        total += graded((value - limit) / (abs(limit) or 1.0))
     return total
 
 
