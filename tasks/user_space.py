@@ -10,18 +10,31 @@ from zoac.core.parameters import Parameter, ParameterSpace, choice
 
 
 def parse_space(
-    space: ParameterSpace | Mapping[str, Any],
+    space: ParameterSpace | Mapping[str, Any], baseline: Mapping[str, Any] | None = None
 ) -> tuple[ParameterSpace, dict[str, float], dict[str, Any]]:
-    """Return the space, the fixed parameters and the baseline values that a dict describes.
+    """Return a space, its fixed parameters and the baseline values.
 
     Args:
         space: A `ParameterSpace`, or by name: `(low, high)`, `(low, high, "log")`,
             `(low, high, "integer")`, `{"low": ..., "high": ..., "scale": ..., "unit": ...,
             "baseline": ...}`, `{"choices": [...], "baseline": ...}`, or one number, which is fixed.
+        baseline: Values by name, which go before those of the space.
 
     Raises:
-        ConfigError: If an entry is none of these.
+        ConfigError: If an entry is none of these, or a value cannot be used.
     """
+    if not isinstance(baseline, Mapping | None):
+        raise ConfigError(f"baseline={baseline!r}: expected values by name, such as {{'kp': 1.0}}")
+    parsed, fixed, values = _parsed(space)
+    values |= baseline or {}
+    if values:
+        parsed.normalise(values)  # says what is wrong with one
+    return parsed, fixed, values
+
+
+def _parsed(
+    space: ParameterSpace | Mapping[str, Any],
+) -> tuple[ParameterSpace, dict[str, float], dict[str, Any]]:
     if isinstance(space, ParameterSpace):
         return space, {}, {}
     if not isinstance(space, Mapping):

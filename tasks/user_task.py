@@ -133,17 +133,10 @@ class UserTask(Task):
             wanted = "a function act(params, obs), an object with such a method, or what makes one"
             returned = (np.ndarray, float, int, Acts)
             controller = locate_code(controller, "controller", (Acts,), returned, wanted)
-        self.space, self.fixed, starts = parse_space(space)
-        if not isinstance(baseline, Mapping | None):
-            raise ConfigError(
-                f"baseline={baseline!r}: expected values by name, such as {{'kp': 1.0}}"
-            )
-        starts = {**starts, **(baseline or {})}
-        if starts:
-            self.space.normalise(starts)  # says what is wrong with a start value
+        self.space, self.fixed, values = parse_space(space, baseline)
         of_env, self.specs = with_objective(specs_of(specs), objective)
         self._env, self._controller = env, controller
-        self.baseline = starts or None
+        self.baseline = values or None
         self.metrics = tuple(_named(metrics, Metric, "metrics"))
         self.constraints = tuple(_named(constraints, Constraint, "constraints"))
         self._max_episode_steps = None if max_episode_steps is None else int(max_episode_steps)

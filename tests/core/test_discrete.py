@@ -100,10 +100,11 @@ def test_options_come_back_from_json_as_they_were():
 
 def test_how_a_dict_describes_them():
     space, _, start = parse_space(
-        {"n": (1, 9, "integer"), "mode": {"choices": ["fast", "safe"], "baseline": "safe"}}
+        {"n": (1, 9, "integer"), "mode": {"choices": ["fast", "safe"], "baseline": "safe"}},
+        {"n": 2},
     )
     assert [p.kind for p in space.parameters] == ["integer", "choice"]
-    assert start == {"mode": "safe"}
+    assert start == {"mode": "safe", "n": 2}
 
 
 def estimate(space, cost, theta, n=100_000):

@@ -191,12 +191,13 @@ def test_every_way_to_write_a_space():
             "kd": (1e-3, 1e1, "log"),
             "ki": {"low": 0, "high": 1, "unit": "1/s", "baseline": 0.5},
             "bias": 2,
-        }
+        },
+        {"kp": 1.0, "kd": 0.1},
     )
     assert space.names == ("kp", "kd", "ki")
     assert [p.scale for p in space.parameters] == ["linear", "log", "linear"]
     assert space.parameters[2].unit == "1/s"
-    assert (fixed, start) == ({"bias": 2.0}, {"ki": 0.5})
+    assert (fixed, start) == ({"bias": 2.0}, {"ki": 0.5, "kp": 1.0, "kd": 0.1})
 
 
 @pytest.mark.parametrize(

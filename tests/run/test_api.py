@@ -232,6 +232,8 @@ def test_a_built_in_task_by_name():
     ("changes", "message"),
     [
         ({"tuner": "zoca"}, "did you mean 'zoac'"),
+        ({"tuner": 5}, "tuner=5: input should be a valid string"),
+        ({"tuner_options": "sigma"}, "tuner_options='sigma': input should be a valid dictionary"),
         ({"tuner": "zoac", "tuner_options": {"sgima": 1}}, "did you mean 'exploration.sigma'"),
         (
             {"tuner": "zoac", "tuner_options": {"exploration": {"sigma": -1}}},

@@ -359,6 +359,13 @@ def test_other_values_for_the_same_results_are_noticed(tmp_path):
         ({"constraints": {"overshoot": None}}, "limit=None, expected a finite number"),
         ({"acceptance_test": 2.0}, "acceptance_test"),
         ({"baseline": {"kp": 30.0}}, "lies outside"),
+        ({"baseline": 5}, "expected values by name"),
+        ({"specs": 5}, "expected specs"),
+        ({"tuner": 5}, "tuner=5: input should be a valid string"),
+        ({"tuner_options": 5}, "tuner_options=5: input should be a valid dictionary"),
+        ({"variant": 5}, "variant=5: input should be a valid string"),
+        ({"initial_samples": "x"}, "initial_samples='x': input should be a valid integer"),
+        ({"initial_sigma": 2.0}, "initial_sigma"),
     ],
 )
 def test_settings_that_cannot_be_used_begin_nothing(options, says, tmp_path):

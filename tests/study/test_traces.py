@@ -111,7 +111,7 @@ def test_what_cannot_judge_a_trace_is_refused():
         made.tell(made.ask(), trace=response(0.5))
     with pytest.raises(ConfigError, match="figure of zoac.specs over signals"):
         study(specs=[specs.gain_margin(min=2.0)])
-    with pytest.raises(ConfigError, match="'overshoot' is no spec"):
+    with pytest.raises(ConfigError, match=r"specs\[0\]='overshoot': expected a spec"):
         study(specs=["overshoot"])
 
 

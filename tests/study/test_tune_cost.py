@@ -87,6 +87,14 @@ def test_exceptions_are_failures_and_the_first_reason_is_kept():
     assert result.parameters["ki"] <= 2.0
 
 
+def test_a_failure_without_a_reason_does_not_break_the_last_lines(tmp_path, capsys):
+    study = Study(SPACE, tmp_path, experiments=3, baseline=BASELINE, tuner="random")
+    study.tell(study.ask(), failed="")
+    zoac.tune(cost=Counted(), space=SPACE, experiments=3, baseline=BASELINE, tuner="random",
+              folder=tmp_path)  # fmt: skip
+    assert "failures: 1, the first: no reason given" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("answer", "says"),
     [(None, "the cost is None, expected a number"), ({"Cost": 1.0}, "the answer has an unknown"),

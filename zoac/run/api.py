@@ -12,6 +12,7 @@ from zoac.config import factory
 from zoac.config.auto_tuner import budget_of, tuner_for
 from zoac.config.files import AUTO, configuration
 from zoac.config.settings import Evaluation, Settings, whole_numbers
+from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, Interrupted, suggest
 from zoac.core.measures import Constraint, Metric
 from zoac.core.parameters import ParameterSpace
@@ -132,7 +133,7 @@ def tune(
         cost: Instead of an environment: a function of {name: value} that makes an experiment and
             returns its cost, or a dict of `cost`, `metrics` and `constraints`; or `zoac.program`.
             The run is then a `zoac.Study`, whose options apply; `constraints` are limits by name,
-            and the default tuner stands for "auto".
+            and the tuner "auto" is chosen as `zoac.Study` does.
         workers: Number of calls of `cost` at a time, in threads; 1 by default.
         settings: `num_envs`, `initial_sigma`, `acceptance_test`, `select`, `initial_samples`,
             `common_random_numbers`, `failure_penalty`, `step_timeout`, ...: any other of
@@ -147,10 +148,12 @@ def tune(
         ControllerError: If the controller raises or returns what is not a finite action, and
             there is no `failure_penalty`.
         EnvironmentFailure: If the environment raises or returns what is not finite, likewise.
-        NothingWorksError: If every episode fails.
+        NothingWorksError: If every episode fails, or each of the first ten calls of `cost`.
         RunFolderError: If `folder` holds another run.
     """
     arguments = locals()
+    named = ("tuner", "tuner_options", "executor", "folder")
+    check_arguments(tune, {name: arguments[name] for name in named}, "")
     if cost is not None:
         return from_tune(arguments, inspect.signature(tune).parameters)
     if workers is not None:

@@ -54,7 +54,8 @@ def tune_cost(
 
     Raises:
         Interrupted: If Ctrl-C stopped it. What was measured is kept.
-        NothingWorksError: If each of the first ten experiments failed, or all of them.
+        NothingWorksError: If each of the first ten experiments failed.
+        StudyError: If all of fewer did.
         ConfigError: If an option cannot be used.
         RunFolderError: If another process carries out the study of that folder.
     """
@@ -98,7 +99,7 @@ def _told(study: Study, best: Trial) -> Iterator[str]:
 
 def _line(text: str) -> str:
     """Return the first and the last line of a text as one: a program's last words tell most."""
-    first, *others = text.splitlines()
+    first, *others = text.splitlines() or ["no reason given"]
     return f"{first.removesuffix(': its last lines')}: {others[-1].strip()}" if others else first
 
 

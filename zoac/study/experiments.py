@@ -38,7 +38,8 @@ def run_experiments(config: Mapping[str, Any], task: str, tuner: str) -> dict[st
     Raises:
         ConfigError: If the configuration cannot be used.
         RunFolderError: If the folder holds another study, is damaged or in use.
-        NothingWorksError: If each of the first ten experiments failed, or all of them.
+        NothingWorksError: If each of the first ten experiments failed.
+        StudyError: If all of fewer did.
     """
     settings = factory.build_settings(config)
     given: ProgramTask = factory.build(config["task"], "task", ProgramTask)

@@ -143,8 +143,8 @@ def check(settings: StudySettings) -> Tuner:
         ConfigError: If it is, or the tuner cannot be used.
     """
     searches = settings.experiments - settings.baseline_first
+    Proposals(settings)  # says what is wrong with its settings
     if settings.acceptance_test is not None:
-        Proposals(settings)  # says what it needs
         searches = search_budget(searches, settings.acceptance_test)
     plain = {"budget": searches, "baseline_first": False, "acceptance_test": None,
              "initial_samples": None}  # fmt: skip

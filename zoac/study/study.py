@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, TrialsPending
 from zoac.core.parameters import ParameterSpace
 from zoac.runs.export import export
@@ -93,6 +94,12 @@ class Study:
             ConfigError: If something given cannot be used.
             RunFolderError: If the folder holds another study, or cannot be used.
         """
+        check_arguments(
+            Study,
+            {"tuner": tuner, "tuner_options": tuner_options, "folder": folder, "name": name,
+             "variant": variant},
+            "",
+        )  # fmt: skip
         if space is None and folder is None:
             raise ConfigError("a study needs a space, or the folder of one that was begun")
         path = Path(folder or tempfile.mkdtemp(prefix="zoac-study-")).expanduser()

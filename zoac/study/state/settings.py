@@ -15,6 +15,7 @@ from zoac.runs import schema
 from zoac.specs.spec import Spec
 from zoac.specs.trace import as_plain, from_plain
 from zoac.tasks.user_space import parse_space
+from zoac.tasks.user_specs import specs_of
 
 TUNERS = (
     "bo", "botorch", "cmaes", "cmaes_full", "es", "halving", "nevergrad", "nominal", "optuna",
@@ -68,10 +69,7 @@ def new_settings(
     Raises:
         ConfigError: If one of them cannot be used.
     """
-    parsed, fixed, values = parse_space(space)
-    values = {**values, **(baseline or {})}
-    if values:
-        parsed.normalise(values)  # says what is wrong with a value
+    parsed, fixed, values = parse_space(space, baseline)
     for name, value, least in (("experiments", experiments, 1), ("seed", seed, 0),
                                ("workers", workers, 1)):  # fmt: skip
         if not is_number(value) or value % 1 or value < least:
@@ -91,7 +89,7 @@ def new_settings(
             "fixed": fixed,
             "baseline": values or None,
             "limits": _limits(constraints),
-            "specs": [as_plain(spec) for spec in specs],
+            "specs": [as_plain(spec) for spec in specs_of(specs)],
         },
         "tuner": {**node, **options},
         "seed": int(seed),
