@@ -16,7 +16,7 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Glob, Override
 from hydra.core.plugins import Plugins
-from hydra.errors import HydraException, OverrideParseException
+from hydra.errors import HydraException
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -45,7 +45,7 @@ OPTIONAL_GROUPS = {"preset": "tuner", "fidelity/task": "task", "fidelity/tuner":
 NOT_A_VARIANT = ("task", "tuner", "seed", "launcher", "method", "experiment")
 
 # How lines of Hydra's messages begin that say nothing to a user.
-INTERNAL = ("full_key:", "object_type=", "reference_type=", "See https://", "LexerNoViable")
+INTERNAL = ("full_key:", "object_type=", "reference_type=", "See https://")
 EXTRA_OF_LAUNCHER = {
     "joblib": "launchers", "submitit_local": "launchers", "submitit_slurm": "launchers",
     "ray": "ray-launcher",
@@ -108,9 +108,10 @@ def check_overrides(overrides: Sequence[str]) -> None:
     parser = OverridesParser.create()
     for text in overrides:
         try:
-            (override,) = parser.parse_overrides([text])
+            override = parser.parse_override(text)
         except HydraException as error:
-            raise ConfigError(explain(error, overrides)) from error
+            why = why_unreadable(text, error)
+            raise ConfigError(f"cannot read the override {text!r}: {why}") from error
         key = override.key_or_group
         group = key in GROUPS or key.startswith("hydra/")
         if not key or key != key.strip("."):
@@ -168,9 +169,6 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
     text = "\n".join(
         dict.fromkeys(line for line in lines if line and not line.startswith(INTERNAL))
     )
-    if isinstance(error, OverrideParseException):
-        told = why_unreadable(str(error.override), str(error)) or f"{text}; write key=value"
-        return f"cannot read the override {error.override!r}: {told}"
     if found := re.search(r"override (.*)\n.* is not a subclass of EvaluationSchema", text):
         return f"{found[1]}: expected a group of keys; {_siblings('evaluation.', overrides)}"
     if found := re.search(r"Value (.*) of type '.*' could not be converted to (\w+)", text):

@@ -116,22 +116,22 @@ def refuse_flags(arguments: Sequence[str]) -> None:
         raise ConfigError(f"{flag}: expected key=value; did you mean {key}={value or '<value>'}?")
 
 
-def why_unreadable(text: str, complaint: str) -> str | None:
-    """Return why Hydra cannot read an override, and what to write; None: its own words say it.
+def why_unreadable(text: str, error: Exception) -> str:
+    """Return why Hydra cannot read an override, and what to write.
 
     Args:
         text: The override.
-        complaint: Hydra's message, which points at the first character that it cannot read.
+        error: Hydra's; its cause knows the place of a character that no override may have there.
     """
     key, equals, value = text.partition("=")
     if not equals:
         key, _, value = text.lstrip("-").partition(" ")
         meant = f"; did you mean {key}={value or '<value>'}?" if _KEY.fullmatch(key) else ""
         return f"expected key=value{meant}"
-    pointed = _POINTER.search(complaint)
-    if pointed is None:
-        return None
-    found = text[len(pointed[1]) - len(_COMPLAINT)]
+    place = getattr(error.__cause__, "startIndex", None)
+    if place is None:
+        return f"{str(error).strip()}; write key=value"
+    found = text[place]
     if found in "'\"":
         return "a quote is not closed; write key=value"
     if found in key:
@@ -140,6 +140,4 @@ def why_unreadable(text: str, complaint: str) -> str | None:
     return f"a value with {found!r} needs quotes{quoted}"
 
 
-_COMPLAINT = "LexerNoViableAltException: "
-_POINTER = re.compile(r"^( *)\^$", re.MULTILINE)
 _KEY = re.compile(r"[A-Za-z_][\w.]*")
