@@ -29,11 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def task_from_config(config: Mapping[str, Any]) -> Task:
-    """Return the task of a run, from the `config` in its `run.json`."""
-    return factory.build_task(config)
-
-
 @dataclass(frozen=True)
 class Result:
     """What tuning found.
@@ -260,7 +255,7 @@ def task_of_run(
             "load_result, --trust-code at a command"
         )
     try:
-        return task_from_config(config) if by_config else cloudpickle.loads(kept.read_bytes())
+        return factory.build_task(config) if by_config else cloudpickle.loads(kept.read_bytes())
     except Exception as error:  # whatever the modules that it needs raise
         raise _not_built(folder, f"{type(error).__name__}: {error}") from error
 
