@@ -7,6 +7,7 @@ import shutil
 
 import pytest
 
+import zoac
 from tests.envs.test_adapters import Drift
 from tests.rollout.executors.test_unpicklable import stopped
 from tests.rollout.executors.test_unpicklable import tune as tune_briefly
@@ -51,6 +52,11 @@ def test_killed_while_overwriting_what_is_left_can_be_identified(folder, monkeyp
         with pytest.raises(KeyboardInterrupt):
             tune(folder=folder, budget=600, resume="overwrite")
     assert whose(folder)
+
+
+def test_a_run_that_is_done_is_returned_without_its_tuner(folder, monkeypatch):
+    monkeypatch.delattr("zoac.config.factory.build_tuner")
+    assert tune(folder=folder).env_steps == zoac.load_result(folder).env_steps
 
 
 def test_overwriting_leaves_nothing_of_the_run_before(folder):
