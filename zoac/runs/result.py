@@ -193,16 +193,10 @@ def load_result(
             it may hold. Either can run any code: only for folders of people whom you trust.
 
     Raises:
-        RunFolderError: If there is no finished run, or `run.json` does not say which parameters
-            were fixed.
+        RunFolderError: If there is no finished run.
     """
     folder = Path(folder).expanduser()
     record, run = schema.read_result(folder), schema.read_run(folder)
-    if "fixed" not in run:
-        raise RunFolderError(
-            f"{folder / schema.RUN} does not say which parameters were fixed; expected the key "
-            "'fixed', as this version of zoac writes it"
-        )
     return result_of(record, run["fixed"], folder, task, trust_code)
 
 
