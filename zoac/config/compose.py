@@ -23,6 +23,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from zoac.config.files import CONFIG_MODULE, choices, own_conf
 from zoac.config.schema import (
+    GROUPS_OF_RUN,
     NOT_OF_THE_RUN,
     EvaluationSchema,
     RunSchema,
@@ -33,10 +34,7 @@ from zoac.config.schema import (
 from zoac.config.settings import WITHOUT_EFFECT
 from zoac.core.errors import ConfigError, option_names, suggest
 
-GROUPS = (
-    "task", "tuner", "executor", "mpc_solver", "fidelity", "logger", "launcher", "method",
-    "experiment", "search",
-)  # fmt: skip
+GROUPS = (*GROUPS_OF_RUN, "launcher", "method", "experiment", "search")
 
 OPTIONAL_GROUPS = {"preset": "tuner", "fidelity/task": "task", "fidelity/tuner": "tuner"}
 """Group -> the key whose options it sets, for some choices only."""
@@ -259,7 +257,7 @@ def resolved(config: DictConfig) -> dict[str, Any]:
         ConfigError: If a value is missing or an interpolation leads nowhere.
     """
     try:
-        plain = OmegaConf.to_container(
+        plain: dict[str, Any] = OmegaConf.to_container(  # type: ignore[assignment]
             OmegaConf.masked_copy(config, [k for k in map(str, config) if k not in NOT_OF_THE_RUN]),
             resolve=True,
             throw_on_missing=True,
@@ -267,10 +265,9 @@ def resolved(config: DictConfig) -> dict[str, Any]:
         )
     except OmegaConfBaseException as error:
         raise ConfigError(explain(error, [])) from error
-    assert isinstance(plain, dict)
     check_keys(plain, RunSchema, "")
     check_keys(plain["evaluation"], EvaluationSchema, "evaluation.")
-    return {str(key): value for key, value in plain.items()}
+    return plain
 
 
 def variant_of(config: Mapping[str, Any], overrides: Sequence[str]) -> str | None:

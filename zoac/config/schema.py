@@ -26,10 +26,10 @@ class Resume(Enum):
     overwrite = "overwrite"
 
 
-def _typed(owner: type, defaults: Any) -> list[tuple[str, Any, Any]]:
+def _typed(owner: type) -> list[tuple[str, Any, Any]]:
     """Return the fields of a dataclass as Hydra takes them: bounds and choices left out."""
     hints = get_type_hints(owner)
-    return [(f.name, _plain_type(hints[f.name]), getattr(defaults, f.name)) for f in fields(owner)]
+    return [(f.name, _plain_type(hints[f.name]), f.default) for f in fields(owner)]
 
 
 def _plain_type(hint: Any) -> Any:
@@ -41,19 +41,19 @@ def _plain_type(hint: Any) -> Any:
     return hint
 
 
-_GROUPS_OF_RUN = ("task", "tuner", "executor", "mpc_solver", "fidelity", "logger")
+GROUPS_OF_RUN = ("task", "tuner", "executor", "mpc_solver", "fidelity", "logger")
 
-EvaluationSchema = make_dataclass("EvaluationSchema", _typed(Evaluation, Evaluation()))
+EvaluationSchema = make_dataclass("EvaluationSchema", _typed(Evaluation))
 
 # Types of the top-level keys; groups are checked against what they configure.
 RunSchema = make_dataclass(
     "RunSchema",
-    [(group, Any, MISSING) for group in _GROUPS_OF_RUN]
+    [(group, Any, MISSING) for group in GROUPS_OF_RUN]
     + [
         (name, EvaluationSchema, field(default_factory=EvaluationSchema))
         if kind is Evaluation
         else (name, kind, default)
-        for name, kind, default in _typed(Settings, Settings())
+        for name, kind, default in _typed(Settings)
     ]
     + [
         ("runs_dir", str, "runs"),
