@@ -74,12 +74,6 @@ def test_files_without_a_run_json_are_refused(folder, left):
         tune(folder=folder, budget=600)
 
 
-def test_a_run_json_without_a_configuration_is_refused(folder):
-    (folder / schema.RUN).write_text('{"format": 1}')
-    with pytest.raises(RunFolderError, match="says nothing of the configuration"):
-        tune(folder=folder)
-
-
 @pytest.mark.parametrize(
     ("told", "model"),
     [
