@@ -3,7 +3,6 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, make_dataclass
-from enum import Enum
 from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
@@ -12,18 +11,10 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING
 
 from zoac.config.files import AUTO
-from zoac.config.settings import Evaluation, Settings
+from zoac.config.settings import Evaluation, Resume, Settings
 from zoac.core.errors import ConfigError, suggest
 
 NOT_OF_THE_RUN = ("hydra", "method", "experiment", "search")
-
-
-class Resume(Enum):
-    """What to do when the run folder holds a run already."""
-
-    auto = "auto"
-    never = "never"
-    overwrite = "overwrite"
 
 
 def _typed(owner: type) -> list[tuple[str, Any, Any]]:
