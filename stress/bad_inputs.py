@@ -54,11 +54,13 @@ def message(case: Case) -> tuple[int, str]:
     output, errors = io.StringIO(), io.StringIO()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
+        sys.path.insert(0, folder)  # as `python -m` does
         try:
             case.prepare()
             code = _main(case.typed.split(), output, errors)
         finally:
             os.chdir(here)
+            sys.path.remove(folder)
             sys.argv = argv
             if full_error is None:
                 os.environ.pop("HYDRA_FULL_ERROR", None)

@@ -74,16 +74,13 @@ _HOMES = {
     "tune": "run.api",
     "tune_pid": "pid.tuning",
 }
-__all__ = [
-    "Callback", "Interrupted", "Result", "Study", "action", "info", "load_result", "make_task",
-    "mpc", "observation", "program", "specs", "tune", "tune_pid",
-]  # fmt: skip
+__all__ = ["mpc", "specs", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:
     # Imported on first use: the command line must answer --help without loading everything.
     if name in ("mpc", "specs"):
         return import_module(f"zoac.{name}")
-    if name in __all__:
+    if name in _HOMES:
         return getattr(import_module(f"zoac.{_HOMES[name]}"), name)
     raise AttributeError(f"module 'zoac' has no attribute {name!r}")

@@ -137,7 +137,7 @@ def on_plant(run: Run, task: Task, values: Mapping[str, float]) -> Task:
         if not hasattr(task, "with_plant"):
             raise ConfigError("--vary: this run's task has no numbers that can be set")
         return task.with_plant({n.removeprefix("plant."): v for n, v in values.items()})
-    from zoac.runs.result import task_from_config
+    from zoac.config.factory import build_task
 
     changed = deepcopy(dict(node))
     known = _numbers(node)
@@ -153,7 +153,7 @@ def on_plant(run: Run, task: Task, values: Mapping[str, float]) -> Task:
         inner[last] = value
         if parents == ["plant"] and changed.get("vary"):
             changed["vary"].pop(last, None)
-    return task_from_config({**run.config, "task": changed})
+    return build_task({**run.config, "task": changed})
 
 
 def _numbers(node: Mapping[str, Any], prefix: str = "") -> dict[str, float]:

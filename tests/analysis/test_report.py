@@ -69,6 +69,7 @@ def with_signals(root: Path) -> Path:
             "violations_by_constraint": {"jerk": {"episodes": 0, "steps": 0, "worst": 0.0}},
             "baseline": BASELINE,
             "baseline_cost_mean": 6.5,
+            "shown": {"episode": 0, "of": 4, "loop": 0, "spec": None},
         },
     )
     record = json.loads((folder / "run.json").read_text())

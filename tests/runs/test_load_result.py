@@ -43,13 +43,6 @@ def folder(tmp_path, monkeypatch):
     sys.modules.pop("load_result_plant", None)
 
 
-def told(folder, **changes):
-    """Change keys of `run.json`; None deletes one."""
-    run = {**json.loads((folder / "run.json").read_text()), **changes}
-    kept = {key: value for key, value in run.items() if value is not None}
-    (folder / "run.json").write_text(json.dumps(kept))
-
-
 def test_fixed_parameters_are_loaded_and_exported(folder, tmp_path):
     result = zoac.load_result(folder)
     assert set(result.parameters) == {"k", "bias"}
@@ -65,12 +58,6 @@ def test_parameters_need_no_code(folder, tmp_path):
     assert result.parameters["bias"] == 0.125
     with pytest.raises(RunFolderError, match="no module 'load_result_plant'.*give it to load_res"):
         result.controller()
-
-
-def test_a_run_that_does_not_name_its_fixed_parameters_is_refused(folder):
-    told(folder, fixed=None)
-    with pytest.raises(RunFolderError, match="which parameters were fixed"):
-        zoac.load_result(folder)
 
 
 def test_a_module_is_loaded_only_if_it_is_trusted(folder):

@@ -201,7 +201,7 @@ def test_of_loops_side_by_side_the_worst_decides():
 def test_of_loops_side_by_side_one_is_drawn():
     columns = ["parameters", "time", "y 1", "y 2", "y 10", "speed 1", "u 1", "u 2"]
     table = pd.DataFrame([range(len(columns))], columns=columns)
-    first = responses.one_loop(table, {})
+    first = responses.one_loop(table, {"shown": {"loop": 0}})
     assert list(first.columns) == ["parameters", "time", "y", "speed 1", "u"]
     assert first["u"][0] == 6
     assert responses.one_loop(table, {"shown": {"loop": 1}})["u"][0] == 7

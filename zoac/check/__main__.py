@@ -3,7 +3,6 @@
 One verdict a line; exit code 1 if any is bad. It works on a user's task from their own folder.
 """
 
-import os
 import sys
 from collections.abc import Sequence
 
@@ -22,8 +21,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not arguments or arguments[0] in ("-h", "--help"):
         print(__doc__.strip())
         return 0 if arguments else 1
-    if os.getcwd() not in sys.path:
-        sys.path.insert(0, os.getcwd())
     try:
         task = build_task(resolved(compose_config(arguments)))
     except ZoacError as error:

@@ -16,13 +16,14 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Glob, Override
 from hydra.core.plugins import Plugins
-from hydra.errors import HydraException, OverrideParseException
+from hydra.errors import HydraException
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from zoac.config.files import CONFIG_MODULE, choices, own_conf
 from zoac.config.schema import (
+    GROUPS_OF_RUN,
     NOT_OF_THE_RUN,
     EvaluationSchema,
     RunSchema,
@@ -33,10 +34,7 @@ from zoac.config.schema import (
 from zoac.config.settings import WITHOUT_EFFECT
 from zoac.core.errors import ConfigError, option_names, suggest
 
-GROUPS = (
-    "task", "tuner", "executor", "mpc_solver", "fidelity", "logger", "launcher", "method",
-    "experiment", "search",
-)  # fmt: skip
+GROUPS = (*GROUPS_OF_RUN, "launcher", "method", "experiment", "search")
 
 OPTIONAL_GROUPS = {"preset": "tuner", "fidelity/task": "task", "fidelity/tuner": "tuner"}
 """Group -> the key whose options it sets, for some choices only."""
@@ -45,7 +43,7 @@ OPTIONAL_GROUPS = {"preset": "tuner", "fidelity/task": "task", "fidelity/tuner":
 NOT_A_VARIANT = ("task", "tuner", "seed", "launcher", "method", "experiment")
 
 # How lines of Hydra's messages begin that say nothing to a user.
-INTERNAL = ("full_key:", "object_type=", "reference_type=", "See https://", "LexerNoViable")
+INTERNAL = ("full_key:", "object_type=", "reference_type=", "See https://")
 EXTRA_OF_LAUNCHER = {
     "joblib": "launchers", "submitit_local": "launchers", "submitit_slurm": "launchers",
     "ray": "ray-launcher",
@@ -108,9 +106,10 @@ def check_overrides(overrides: Sequence[str]) -> None:
     parser = OverridesParser.create()
     for text in overrides:
         try:
-            (override,) = parser.parse_overrides([text])
+            override = parser.parse_override(text)
         except HydraException as error:
-            raise ConfigError(explain(error, overrides)) from error
+            why = why_unreadable(text, error)
+            raise ConfigError(f"cannot read the override {text!r}: {why}") from error
         key = override.key_or_group
         group = key in GROUPS or key.startswith("hydra/")
         if not key or key != key.strip("."):
@@ -168,9 +167,6 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
     text = "\n".join(
         dict.fromkeys(line for line in lines if line and not line.startswith(INTERNAL))
     )
-    if isinstance(error, OverrideParseException):
-        told = why_unreadable(str(error.override), str(error)) or f"{text}; write key=value"
-        return f"cannot read the override {error.override!r}: {told}"
     if found := re.search(r"override (.*)\n.* is not a subclass of EvaluationSchema", text):
         return f"{found[1]}: expected a group of keys; {_siblings('evaluation.', overrides)}"
     if found := re.search(r"Value (.*) of type '.*' could not be converted to (\w+)", text):
@@ -261,7 +257,7 @@ def resolved(config: DictConfig) -> dict[str, Any]:
         ConfigError: If a value is missing or an interpolation leads nowhere.
     """
     try:
-        plain = OmegaConf.to_container(
+        plain: dict[str, Any] = OmegaConf.to_container(  # type: ignore[assignment]
             OmegaConf.masked_copy(config, [k for k in map(str, config) if k not in NOT_OF_THE_RUN]),
             resolve=True,
             throw_on_missing=True,
@@ -269,10 +265,9 @@ def resolved(config: DictConfig) -> dict[str, Any]:
         )
     except OmegaConfBaseException as error:
         raise ConfigError(explain(error, [])) from error
-    assert isinstance(plain, dict)
     check_keys(plain, RunSchema, "")
     check_keys(plain["evaluation"], EvaluationSchema, "evaluation.")
-    return {str(key): value for key, value in plain.items()}
+    return plain
 
 
 def variant_of(config: Mapping[str, Any], overrides: Sequence[str]) -> str | None:

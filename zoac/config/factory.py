@@ -124,12 +124,8 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
     if task.specs:
         _refuse_parts_of_episodes(node)
     hard = any(spec.hard and not spec.of_loop for spec in task.specs)
-    return _with_strategies(node, settings, [HeldSpecs] if task.held_specs and hard else [])(whole)
-
-
-def build_tuner_for(node: Mapping[str, Any], problem: Problem, settings: Settings) -> Tuner:
-    """Return the tuner of a config node, and what wraps it, for a problem."""
-    return _with_strategies(node, settings, [])(problem)
+    of_task = [HeldSpecs] if task.held_specs and hard else []
+    return build_tuner_for(node, whole, settings, of_task)
 
 
 def _refuse_parts_of_episodes(node: Mapping[str, Any]) -> None:
@@ -140,13 +136,16 @@ def _refuse_parts_of_episodes(node: Mapping[str, Any]) -> None:
             raise ConfigError(f"{part[TARGET]} sees parts of episodes, and {EPISODES_ONLY}")
 
 
-def _with_strategies(
-    node: Mapping[str, Any], settings: Settings, of_task: Sequence[Callable[..., Tuner]]
-) -> Begin:
-    """Return what makes the tuner of a config node, in the strategies that are asked for.
+def build_tuner_for(
+    node: Mapping[str, Any],
+    problem: Problem,
+    settings: Settings,
+    of_task: Sequence[Callable[..., Tuner]] = (),
+) -> Tuner:
+    """Return the tuner of a config node, in the strategies that are asked for, for a problem.
 
-    Those that the task asks for see the points of the search alone, and their answer is what an
-    acceptance test tests.
+    Those that the task asks for, `of_task`, see the points of the search alone, and their answer is
+    what an acceptance test tests.
 
     Raises:
         ConfigError: If a strategy is unknown, or does not go with the tuner or another strategy.
@@ -173,7 +172,7 @@ def _with_strategies(
 
     for strategy in reversed(around):
         make = partial(strategy, begin=make)
-    return make
+    return make(problem)
 
 
 STRATEGIES = {

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, make_dataclass
-from enum import Enum
 from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
@@ -12,24 +11,16 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING
 
 from zoac.config.files import AUTO
-from zoac.config.settings import Evaluation, Settings
+from zoac.config.settings import Evaluation, Resume, Settings
 from zoac.core.errors import ConfigError, suggest
 
 NOT_OF_THE_RUN = ("hydra", "method", "experiment", "search")
 
 
-class Resume(Enum):
-    """What to do when the run folder holds a run already."""
-
-    auto = "auto"
-    never = "never"
-    overwrite = "overwrite"
-
-
-def _typed(owner: type, defaults: Any) -> list[tuple[str, Any, Any]]:
+def _typed(owner: type) -> list[tuple[str, Any, Any]]:
     """Return the fields of a dataclass as Hydra takes them: bounds and choices left out."""
     hints = get_type_hints(owner)
-    return [(f.name, _plain_type(hints[f.name]), getattr(defaults, f.name)) for f in fields(owner)]
+    return [(f.name, _plain_type(hints[f.name]), f.default) for f in fields(owner)]
 
 
 def _plain_type(hint: Any) -> Any:
@@ -41,19 +32,19 @@ def _plain_type(hint: Any) -> Any:
     return hint
 
 
-_GROUPS_OF_RUN = ("task", "tuner", "executor", "mpc_solver", "fidelity", "logger")
+GROUPS_OF_RUN = ("task", "tuner", "executor", "mpc_solver", "fidelity", "logger")
 
-EvaluationSchema = make_dataclass("EvaluationSchema", _typed(Evaluation, Evaluation()))
+EvaluationSchema = make_dataclass("EvaluationSchema", _typed(Evaluation))
 
 # Types of the top-level keys; groups are checked against what they configure.
 RunSchema = make_dataclass(
     "RunSchema",
-    [(group, Any, MISSING) for group in _GROUPS_OF_RUN]
+    [(group, Any, MISSING) for group in GROUPS_OF_RUN]
     + [
         (name, EvaluationSchema, field(default_factory=EvaluationSchema))
         if kind is Evaluation
         else (name, kind, default)
-        for name, kind, default in _typed(Settings, Settings())
+        for name, kind, default in _typed(Settings)
     ]
     + [
         ("runs_dir", str, "runs"),
@@ -116,22 +107,22 @@ def refuse_flags(arguments: Sequence[str]) -> None:
         raise ConfigError(f"{flag}: expected key=value; did you mean {key}={value or '<value>'}?")
 
 
-def why_unreadable(text: str, complaint: str) -> str | None:
-    """Return why Hydra cannot read an override, and what to write; None: its own words say it.
+def why_unreadable(text: str, error: Exception) -> str:
+    """Return why Hydra cannot read an override, and what to write.
 
     Args:
         text: The override.
-        complaint: Hydra's message, which points at the first character that it cannot read.
+        error: Hydra's; its cause knows the place of a character that no override may have there.
     """
     key, equals, value = text.partition("=")
     if not equals:
         key, _, value = text.lstrip("-").partition(" ")
         meant = f"; did you mean {key}={value or '<value>'}?" if _KEY.fullmatch(key) else ""
         return f"expected key=value{meant}"
-    pointed = _POINTER.search(complaint)
-    if pointed is None:
-        return None
-    found = text[len(pointed[1]) - len(_COMPLAINT)]
+    place = getattr(error.__cause__, "startIndex", None)
+    if place is None:
+        return f"{str(error).strip()}; write key=value"
+    found = text[place]
     if found in "'\"":
         return "a quote is not closed; write key=value"
     if found in key:
@@ -140,6 +131,4 @@ def why_unreadable(text: str, complaint: str) -> str | None:
     return f"a value with {found!r} needs quotes{quoted}"
 
 
-_COMPLAINT = "LexerNoViableAltException: "
-_POINTER = re.compile(r"^( *)\^$", re.MULTILINE)
 _KEY = re.compile(r"[A-Za-z_][\w.]*")

@@ -6,6 +6,7 @@ defaults stand in `conf/run.yaml` too, and a test holds the two equal.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from enum import Enum
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 from pydantic import Field
@@ -16,6 +17,15 @@ from zoac.core.types import Count, Fraction, Natural, NonNegative, is_number
 WITHOUT_EFFECT = (
     "executor", "logger", "runs_dir", "variant", "resume", "checkpoint_seconds", "hydra",
 )  # fmt: skip
+
+
+class Resume(Enum):
+    """What to do when the run folder holds a run already."""
+
+    auto = "auto"
+    never = "never"
+    overwrite = "overwrite"
+
 
 SideBySide = Annotated[int, Field(ge=1, le=100_000)]  # all in memory at once
 

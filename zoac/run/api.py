@@ -11,7 +11,7 @@ from typing import Any
 from zoac.config import factory
 from zoac.config.auto_tuner import budget_of, tuner_for
 from zoac.config.files import AUTO, configuration
-from zoac.config.settings import Evaluation, Settings, whole_numbers
+from zoac.config.settings import Evaluation, Resume, Settings, whole_numbers
 from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, Interrupted, suggest
 from zoac.core.measures import Constraint, Metric
@@ -31,8 +31,6 @@ from zoac.study.carry_out import from_tune
 from zoac.tasks.given_task import given_task, is_by_name, name_of, set_options
 from zoac.tasks.given_task import make_task as make_task
 from zoac.tasks.user_task import UserTask
-
-RESUME = ("auto", "never", "overwrite")
 
 OF_USER = ("env", "controller", "space")
 OF_TASK = (
@@ -152,7 +150,7 @@ def tune(
         RunFolderError: If `folder` holds another run.
     """
     arguments = locals()
-    named = ("tuner", "tuner_options", "executor", "folder")
+    named = ("tuner", "tuner_options", "executor", "folder", "resume")
     check_arguments(tune, {name: arguments[name] for name in named}, "")
     if cost is not None:
         return from_tune(arguments, inspect.signature(tune).parameters)
@@ -160,8 +158,8 @@ def tune(
         raise ConfigError("workers belong to cost=..., a function to minimise")
     if None not in (budget, experiments):
         raise ConfigError("give either budget or experiments, not both")
-    if resume not in RESUME:
-        raise ConfigError(f"resume={resume!r}; {suggest(resume, RESUME)}")
+    if resume not in Resume.__members__:
+        raise ConfigError(f"resume={resume!r}; {suggest(resume, Resume.__members__)}")
     followers = Callbacks(callbacks)
     of_user, of_task = ({name: arguments[name] for name in names} for names in (OF_USER, OF_TASK))
     the_task = given_task(task, of_user, of_task)

@@ -172,8 +172,6 @@ def main() -> None:
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")
     for name in (lifeline.SWEEP, lifeline.TERMINAL):
         os.environ.pop(name, None)
-    if os.getcwd() not in sys.path:  # `zoac` instead of `python -m zoac.run`: a user's modules
-        sys.path.insert(0, os.getcwd())
     gave_up = ""
     _composed.clear()
     if signal.getsignal(signal.SIGINT) is leave:

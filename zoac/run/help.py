@@ -18,7 +18,7 @@ usage: python -m zoac.run [group=choice ...] [key=value ...] [-m]
   python -m zoac.run task=mpc_tracking tuner=bo --cfg job               show every option
 
 == Groups ==
-{groups}{own}
+{groups}
 
 == Keys ==
 {keys}
@@ -32,15 +32,12 @@ executor.workers=2.
 def usage() -> str:
     """Return the help text."""
     folder = Path(next(iter(zoac.conf.__path__)))
-    own = own_conf()
-    of_their_own = "".join(f"\n{line}" for line in _groups(own)) if own else ""
+    lines = _groups(folder)
+    if (own := own_conf()) is not None and (of_their_own := _groups(own)):
+        lines += ["", f"== Groups, from {own} ==", *of_their_own]
     _, _, rest = (folder / "run.yaml").read_text(encoding="utf-8").partition("\nseed:")
     keys, _, _ = f"seed:{rest}".partition("\nhydra:")
-    return _TEXT.format(
-        groups="\n".join(_groups(folder)),
-        own=f"\n\n== Groups, from {own} =={of_their_own}" if of_their_own else "",
-        keys=keys.strip(),
-    )
+    return _TEXT.format(groups="\n".join(lines), keys=keys.strip())
 
 
 def _groups(folder: Path) -> list[str]:

@@ -59,6 +59,7 @@ def main() -> None:
         print("\n".join(completions(os.environ.get("COMP_LINE", ""))))
     elif given[0] in COMMANDS:
         sys.argv = [f"{sys.argv[0]} {given[0]}", *given[1:]]
+        sys.path.insert(0, os.getcwd())  # as `python -m` does: a user's own modules
         command: Any = import_module(COMMANDS[given[0]][0])
         sys.exit(command.main())
     elif "=" in given[0] or given[0] == "-m":

@@ -40,11 +40,8 @@ def differences(earlier: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]
 
 def _origin(record: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a run's bits depend on besides its configuration, from its `run.json`."""
-    versions, machine = (
-        part if isinstance(part := record.get(key), Mapping) else {}
-        for key in ("versions", "machine")
-    )
-    return {**versions, "processor": machine.get("processor"), "commit": record.get("commit")}
+    processor = record["machine"]["processor"]
+    return {**record["versions"], "processor": processor, "commit": record["commit"]}
 
 
 def _processor() -> str:

@@ -95,7 +95,7 @@ def one_loop(table: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFrame:
     """
     columns = list(table.columns)
     several = [c[:-2] for c in columns if c.endswith(" 1") and f"{c[:-2]} 2" in columns]
-    number = record.get("shown", {}).get("loop", 0) + 1
+    number = record["shown"]["loop"] + 1
     chosen = {f"{name} {number}": name for name in several}
     others = [c for c in columns if c.rpartition(" ")[0] in several and c not in chosen]
     return table.drop(columns=others).rename(columns=chosen)
@@ -103,8 +103,6 @@ def one_loop(table: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFrame:
 
 def title(record: Mapping[str, Any]) -> str:
     """Return which episode the table holds, for people to read, by the record of `result.json`."""
-    if "shown" not in record:  # written by an earlier version
-        return "The first final episode"
     shown = record["shown"]
     decides = f", the worst for {shown['spec']}" if shown["spec"] else ""
     return f"Final episode {shown['episode'] + 1} of {shown['of']}{decides}"

@@ -29,11 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def task_from_config(config: Mapping[str, Any]) -> Task:
-    """Return the task of a run, from the `config` in its `run.json`."""
-    return factory.build_task(config)
-
-
 @dataclass(frozen=True)
 class Result:
     """What tuning found.
@@ -198,16 +193,10 @@ def load_result(
             it may hold. Either can run any code: only for folders of people whom you trust.
 
     Raises:
-        RunFolderError: If there is no finished run, or `run.json` does not say which parameters
-            were fixed.
+        RunFolderError: If there is no finished run.
     """
     folder = Path(folder).expanduser()
     record, run = schema.read_result(folder), schema.read_run(folder)
-    if "fixed" not in run:
-        raise RunFolderError(
-            f"{folder / schema.RUN} does not say which parameters were fixed; expected the key "
-            "'fixed', as this version of zoac writes it"
-        )
     return result_of(record, run["fixed"], folder, task, trust_code)
 
 
@@ -260,7 +249,7 @@ def task_of_run(
             "load_result, --trust-code at a command"
         )
     try:
-        return task_from_config(config) if by_config else cloudpickle.loads(kept.read_bytes())
+        return factory.build_task(config) if by_config else cloudpickle.loads(kept.read_bytes())
     except Exception as error:  # whatever the modules that it needs raise
         raise _not_built(folder, f"{type(error).__name__}: {error}") from error
 

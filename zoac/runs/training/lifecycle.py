@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from zoac.config import factory
 from zoac.config.auto_tuner import Choice, settled
 from zoac.config.files import AUTO
 from zoac.core.errors import CallbackError, Interrupted, RunFolderError
+from zoac.core.tuner import Tuner
 from zoac.rollout.task import Task
 from zoac.runs import provenance, schema
 from zoac.runs.log import RunLog
@@ -61,8 +63,12 @@ class Run:
         self.callbacks = callbacks
         self.settings = factory.build_settings(config)
         self.config, self.doubts = with_code(config, task)
-        self.tuner = factory.build_tuner(config["tuner"], task, self.settings)
         self.executor = factory.build_executor(config)
+
+    @cached_property
+    def tuner(self) -> Tuner:
+        """Built when it is first used: a run that is done already does without it, and torch."""
+        return factory.build_tuner(self.config["tuner"], self.task, self.settings)
 
 
 def run_session(
@@ -119,9 +125,12 @@ def execute(run: Run, folder: Path, again: str = "the same command") -> dict[str
 
     Raises:
         RunFolderError: If the folder holds another run, is damaged or in use.
+        ConfigError: If the tuner cannot be built.
         Interrupted: If a signal stopped the run; its checkpoint is written.
         CallbackError: If a callback raises; likewise.
     """
+    if run.config["resume"] == "overwrite" or not schema.is_done(folder):
+        _ = run.tuner  # whose errors come before any folder is made or emptied
     run_folder.make(folder)
     with run_folder.held(folder):
         if run_folder.prepare(folder, run.config):

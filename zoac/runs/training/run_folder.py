@@ -87,11 +87,6 @@ def prepare(folder: Path, config: Mapping[str, Any]) -> bool:
             "resume=overwrite to start anew, or another variant=<name>"
         )
     earlier = schema.read_run(folder)
-    if not {"config", "config_hash"} <= earlier.keys():
-        raise RunFolderError(
-            f"{folder / schema.RUN} says nothing of the configuration; it is no run.json of zoac. "
-            "Choose another folder, or start anew with resume=overwrite"
-        )
     if earlier["config_hash"] != schema.config_hash(config):
         differences = schema.differing_keys(earlier["config"], config)
         told = "\n".join(f"  {key}: {a!r} there, {b!r} now" for key, (a, b) in differences.items())
