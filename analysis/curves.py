@@ -11,7 +11,7 @@ import argparse
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -167,12 +167,11 @@ def draw(panels: Sequence[Panel], against: str) -> Figure:
     figure, grid = style.panels(len(panels), min(3, len(panels)), 2.3, 0.1)
     methods = sorted({c.method for p in panels for c in p.curves}, key=lambda m: m.rank)
     looks, labels = style.looks(methods), method_labels(methods, panels[0].names)
-    shown: dict[str, Any] = {}
     for k, (panel, axes) in enumerate(zip(panels, grid, strict=True)):
         draw_panel(axes, panel, looks, labels, against)
         title = TASKS.get(panel.task, panel.task)
         axes.set_title(f"({chr(ord('a') + k)}) {title}" if len(panels) > 1 else title)
-        shown |= style.entries(axes)
+    shown = style.entries(figure)
     style.legend_above(figure, {labels[m]: shown[labels[m]] for m in methods})
     return figure
 

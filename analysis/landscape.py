@@ -26,7 +26,6 @@ from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.rollout.task import Task
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -106,7 +105,6 @@ def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> Figure:
     figure, grid = style.panels(2 * len(slices), 2 * pairs, 1.5, 0.3, width_ratios=ratios)
     if pairs == 1:
         figure.set_figwidth(style.COLUMN)
-    entries: dict[str, Artist] = {}
     for k, part in enumerate(slices):
         evolution, cost = grid[2 * k : 2 * k + 2]
         cost.sharey(evolution)
@@ -117,8 +115,7 @@ def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> Figure:
             cost.set_xlabel("Cost")
         else:
             evolution.tick_params(labelbottom=False)
-        entries |= style.entries(evolution) | style.entries(cost)
-    style.legend_above(figure, entries)
+    style.legend_above(figure, style.entries(figure))
     return figure
 
 
