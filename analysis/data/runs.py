@@ -78,6 +78,13 @@ class Run:
         return [row for row in self.metrics if row["kind"] == "eval" and not row.get("final")]
 
     @property
+    def start(self) -> Mapping[str, Any] | None:
+        """The parameters from which tuning began, if they were logged."""
+        if not self.evaluations or self.evaluations[0]["env_steps"] > 0:
+            return None
+        return self.evaluations[0].get("parameters")
+
+    @property
     def outcome(self) -> Mapping[str, Any]:
         """result.json.
 
