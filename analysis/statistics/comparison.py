@@ -129,7 +129,7 @@ def compare(
     expected = TABLE2 if whole_table and task == TABLE2[0].task else ()
     known_tuners = {(m.task, m.tuner) for m in groups}
     missing = {m for m in expected if (m.task, m.tuner) not in known_tuners}
-    methods = _order({run.method for run in runs} | missing)
+    methods = sorted({run.method for run in runs} | missing, key=lambda method: method.rank)
     labels = method_labels(methods, tuner_names(runs))
     nominal = next((m for m, group in groups.items() if _is_untuned(group[0])), None)
     scores = {}
@@ -226,16 +226,6 @@ def _summary(
 
 def _is_untuned(run: Run) -> bool:
     return run.result is not None and not run.tuned
-
-
-def _order(methods: set[Method]) -> list[Method]:
-    tuners = list(dict.fromkeys(m.tuner for m in TABLE2 if m.tuner != NOMINAL))
-
-    def key(m: Method) -> tuple[bool, int, str, str, str]:
-        place = tuners.index(m.tuner) if m.tuner in tuners else len(tuners)
-        return m.tuner == NOMINAL, place, m.tuner, m.task, m.variant or ""
-
-    return sorted(methods, key=key)
 
 
 def _missing_notes(summaries: Sequence[Summary]) -> list[str]:
