@@ -26,6 +26,7 @@ from zoac.analysis.figures.labels import (
     big_axis,
     family,
     method_labels,
+    needs_log,
     tuner_names,
 )
 from zoac.analysis.statistics.intervals import Scores, interquartile_mean, mean, summarise
@@ -206,7 +207,7 @@ def draw_panel(
         )  # fmt: skip
     centres = np.concatenate([curve.centre for curve in panel.curves])
     above = centres[centres > 0]
-    if not (centres < 0).any() and above.size and above.max() > 20 * above.min():
+    if not (centres < 0).any() and needs_log(above):
         axes.set_yscale("log")
         # A band may reach down to zero; the axis follows the curves.
         lowest = min(curve.low[curve.centre > 0].min(initial=np.inf) for curve in panel.curves)

@@ -20,7 +20,7 @@ from zoac.analysis.data import cli, replay
 from zoac.analysis.data.runs import Run, by_method
 from zoac.analysis.data.selection import chosen, median_run
 from zoac.analysis.figures import style
-from zoac.analysis.figures.labels import big_axis, unit_label
+from zoac.analysis.figures.labels import big_axis, needs_log, unit_label
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.rollout.task import Task
@@ -157,7 +157,7 @@ def _draw_cost(axes: Axes, part: Slice) -> None:
     least, most = float(finite.min()), float(finite.max())
     axes.plot(least, part.values[mean == least][0], "*", color=style.LOOKS["bo"].colour, ms=6,
               zorder=5, label="Least mean cost")  # fmt: skip
-    if most > 20 * least > 0:
+    if needs_log(finite):
         axes.set_xscale("log")
     else:
         # The line of a parameter that hardly matters must look flat.
