@@ -11,7 +11,7 @@ import argparse
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from zoac.analysis.figures.labels import (
     big_axis,
     family,
     method_labels,
+    needs_log,
     tuner_names,
 )
 from zoac.analysis.statistics.intervals import Scores, interquartile_mean, mean, summarise
@@ -167,12 +168,11 @@ def draw(panels: Sequence[Panel], against: str) -> Figure:
     figure, grid = style.panels(len(panels), min(3, len(panels)), 2.3, 0.1)
     methods = sorted({c.method for p in panels for c in p.curves}, key=lambda m: m.rank)
     looks, labels = style.looks(methods), method_labels(methods, panels[0].names)
-    shown: dict[str, Any] = {}
     for k, (panel, axes) in enumerate(zip(panels, grid, strict=True)):
         draw_panel(axes, panel, looks, labels, against)
         title = TASKS.get(panel.task, panel.task)
         axes.set_title(f"({chr(ord('a') + k)}) {title}" if len(panels) > 1 else title)
-        shown |= style.entries(axes)
+    shown = style.entries(figure)
     style.legend_above(figure, {labels[m]: shown[labels[m]] for m in methods})
     return figure
 
@@ -207,7 +207,7 @@ def draw_panel(
         )  # fmt: skip
     centres = np.concatenate([curve.centre for curve in panel.curves])
     above = centres[centres > 0]
-    if not (centres < 0).any() and above.size and above.max() > 20 * above.min():
+    if not (centres < 0).any() and needs_log(above):
         axes.set_yscale("log")
         # A band may reach down to zero; the axis follows the curves.
         lowest = min(curve.low[curve.centre > 0].min(initial=np.inf) for curve in panel.curves)

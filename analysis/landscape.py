@@ -20,13 +20,12 @@ from zoac.analysis.data import cli, replay
 from zoac.analysis.data.runs import Run, by_method
 from zoac.analysis.data.selection import chosen, median_run
 from zoac.analysis.figures import style
-from zoac.analysis.figures.labels import big_axis, unit_label
+from zoac.analysis.figures.labels import big_axis, needs_log, unit_label
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.rollout.task import Task
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -106,7 +105,6 @@ def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> Figure:
     figure, grid = style.panels(2 * len(slices), 2 * pairs, 1.5, 0.3, width_ratios=ratios)
     if pairs == 1:
         figure.set_figwidth(style.COLUMN)
-    entries: dict[str, Artist] = {}
     for k, part in enumerate(slices):
         evolution, cost = grid[2 * k : 2 * k + 2]
         cost.sharey(evolution)
@@ -117,8 +115,7 @@ def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> Figure:
             cost.set_xlabel("Cost")
         else:
             evolution.tick_params(labelbottom=False)
-        entries |= style.entries(evolution) | style.entries(cost)
-    style.legend_above(figure, entries)
+    style.legend_above(figure, style.entries(figure))
     return figure
 
 
@@ -160,7 +157,7 @@ def _draw_cost(axes: Axes, part: Slice) -> None:
     least, most = float(finite.min()), float(finite.max())
     axes.plot(least, part.values[mean == least][0], "*", color=style.LOOKS["bo"].colour, ms=6,
               zorder=5, label="Least mean cost")  # fmt: skip
-    if most > 20 * least > 0:
+    if needs_log(finite):
         axes.set_xscale("log")
     else:
         # The line of a parameter that hardly matters must look flat.

@@ -246,7 +246,7 @@ def figure(scored: pd.DataFrame) -> Figure:
         axes.margins(x=0)
     panels[0].set_ylabel("Share of runs")
     panels[0].set_ylim(0, 1)
-    style.legend_above(drawn, {k: v for axes in panels for k, v in style.entries(axes).items()})
+    style.legend_above(drawn, style.entries(drawn))
     return drawn
 
 

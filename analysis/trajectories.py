@@ -25,7 +25,6 @@ from zoac.core.segments import Segment
 from zoac.rollout.task import Task
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
@@ -131,11 +130,10 @@ def draw(task: Task, loops: Sequence[Loop], title: str) -> Figure:
     count = len(loops[0].traces)
     columns = 2 if count in (2, 4) else min(3, count)
     figure, grid = style.panels(count, columns, 1.55, 0.4)
-    entries: dict[str, Artist] = {}
     last = replay.settled(task, [loop.segment for loop in loops])
     for k, axes in enumerate(grid):
         draw_panel(axes, loops, k, last)
-        entries |= style.entries(axes)
+    entries = style.entries(figure)
     entries |= {name: entries.pop(name) for name in (REFERENCE, LIMIT) if name in entries}
     style.legend_above(figure, entries)
     if title and len(entries) < 2:

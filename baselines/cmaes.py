@@ -107,7 +107,6 @@ class CmaEs(NevergradTuner):
             return np.array(box.set_standardized_data(self._strategy.mean).value)
 
     def describe(self) -> dict[str, Any]:
-        """See `Tuner.describe`."""
         strategy = self._strategy
         return {
             **super().describe(),

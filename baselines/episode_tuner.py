@@ -106,8 +106,6 @@ class EpisodeTuner(Tuner):
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Take the cost of each episode."""
-        if not segments:
-            return {}
         self._batch_size = max(self._batch_size, len(segments))
         self._steps += sum(segment.length for segment in segments)
         if self._final is not None:

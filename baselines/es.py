@@ -5,6 +5,7 @@ from typing import Any, Literal
 import numpy as np
 
 from zoac.algorithm.adam import Adam
+from zoac.algorithm.gradient import zeroth_order_gradient
 from zoac.baselines.episode_tuner import EpisodeTuner
 from zoac.core.tuner import Problem
 from zoac.core.types import Count, Positive
@@ -53,7 +54,9 @@ class EvolutionStrategy(EpisodeTuner):
 
     def _learn(self, outcomes: Outcomes) -> dict[str, float]:
         costs = self._costs.prices(outcomes)
-        gradient = es_gradient(self._noise, costs, self._sigma, standardise=self._standardise)
+        if self._standardise:
+            costs = standardised_costs(costs)
+        gradient = zeroth_order_gradient(costs, self._noise, self._sigma)
         # Outside the box the noise is clipped, so no gradient would return the mean to the box.
         theta = self._adam.descend(self._theta, gradient, self._step_size)
         self._theta = self._problem.space.clip(theta)
@@ -81,19 +84,8 @@ class EvolutionStrategy(EpisodeTuner):
         }
 
 
-def es_gradient(
-    noise: np.ndarray, costs: np.ndarray, sigma: float, *, standardise: bool
-) -> np.ndarray:
-    """Return the gradient estimate (d,) of eq. (2): sum_i f_i eps_i / (n sigma).
-
-    Args:
-        noise: eps (n, d).
-        costs: f (n,).
-        sigma: Standard deviation of the search distribution.
-        standardise: Use (f - mean) / standard deviation in place of f; zero if all f are equal.
-    """
-    if standardise:
-        centred = costs - costs.mean()
-        deviation = centred.std()
-        costs = centred / deviation if deviation > 0 else np.zeros_like(costs)
-    return costs @ noise / (len(costs) * sigma)
+def standardised_costs(costs: np.ndarray) -> np.ndarray:
+    """Return costs (n,) at mean 0 and standard deviation 1; zeros if all are equal."""
+    centred = costs - costs.mean()
+    deviation = centred.std()
+    return centred / deviation if deviation > 0 else np.zeros_like(costs)

@@ -65,8 +65,6 @@ class RepeatedHalving(Tuner):
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Take a round, and keep its better half."""
-        if not segments:
-            return {}
         outcomes = Outcomes.of(segments)
         numbers = np.resize(self._alive, len(segments))
         np.add.at(self._count, numbers, 1)

@@ -205,7 +205,6 @@ class NevergradTuner(EpisodeTuner):
                 self._tell_library(item.copy())
 
     def describe(self) -> dict[str, Any]:
-        """See `Tuner.describe`."""
         return {
             "optimizer": str(self._optimizer.name),
             "library": f"nevergrad {ng.__version__}",
@@ -259,5 +258,4 @@ class Nevergrad(NevergradTuner):
         return optimizer
 
     def describe(self) -> dict[str, Any]:
-        """See `Tuner.describe`."""
         return {**super().describe(), "initial_sigma": self._initial_sigma}

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from zoac.analysis.data import replay
 from zoac.analysis.data.runs import Run
 from zoac.analysis.statistics.intervals import Interval, Scores, paired_difference
 from zoac.core.seeding import stream
@@ -52,9 +51,9 @@ def before(run: Run, reference: Run | None = None) -> Before | None:
     if reference is not None and reference is not run and len(reference.costs) == len(run.costs):
         parameters = reference.outcome["parameters"]
         return Before("nominal controller", parameters, reference.costs)
-    if (parameters := replay.before(run)) is not None:
+    if run.start is not None:
         costs = run.evaluations[0]["cost_per_episode"]
-        return Before("start of tuning", parameters, np.array(costs, float)[: len(run.costs)])
+        return Before("start of tuning", run.start, np.array(costs, float)[: len(run.costs)])
     return None
 
 

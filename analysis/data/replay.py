@@ -65,14 +65,6 @@ def costs(task: Task, points: np.ndarray, episodes: int, seed: int) -> np.ndarra
     return np.reshape([s.costs.sum() for s in segments], (len(points), episodes))
 
 
-def before(run: Run) -> dict[str, float] | None:
-    """Return the parameters from which `run` began, if they were logged."""
-    rows = run.evaluations
-    if not rows or rows[0]["env_steps"] > 0 or "parameters" not in rows[0]:
-        return None
-    return dict(rows[0]["parameters"])
-
-
 def _demonstrating(env: VecEnv) -> VecEnv:
     """Have every episode of an environment be its demonstration."""
     reset = env.reset

@@ -15,6 +15,9 @@ from zoac.study.state.journal import Journal
 REGULARISED = "_reg"
 """End of the name of a task whose tuner sees a regularised cost."""
 
+FIRST = ("zoac", "bo", "cmaes")
+"""Tuners that come first, in the order of the paper's Table II."""
+
 
 class Method(NamedTuple):
     """Task, tuner and variant: runs of one method differ in their seeds only."""
@@ -29,10 +32,11 @@ class Method(NamedTuple):
         return self.tuner + REGULARISED if self.task.endswith(REGULARISED) else self.tuner
 
     @property
-    def rank(self) -> tuple[bool, bool, str, str, str]:
-        """Its place in figures: ZOAC first, the nominal controller last."""
+    def rank(self) -> tuple[bool, int, str, str, str]:
+        """Its place in tables and figures: ZOAC first, the nominal controller last."""
         name = self.tuner
-        return name == "nominal", name != "zoac", name, self.task, self.variant or ""
+        place = FIRST.index(name) if name in FIRST else len(FIRST)
+        return name == "nominal", place, name, self.task, self.variant or ""
 
     def __str__(self) -> str:
         variant = f" ({self.variant})" if self.variant else ""
@@ -76,6 +80,13 @@ class Run:
     def evaluations(self) -> list[Mapping[str, Any]]:
         """Metric rows of kind "eval" taken while tuning, in order."""
         return [row for row in self.metrics if row["kind"] == "eval" and not row.get("final")]
+
+    @property
+    def start(self) -> Mapping[str, Any] | None:
+        """The parameters from which tuning began, if they were logged."""
+        if not self.evaluations or self.evaluations[0]["env_steps"] > 0:
+            return None
+        return self.evaluations[0].get("parameters")
 
     @property
     def outcome(self) -> Mapping[str, Any]:

@@ -38,13 +38,12 @@ def write(path: Path, run: Run) -> None:
         raise ConfigError(f"cannot write a film as {path.suffix!r}; {suggest(path.suffix, kinds)}")
     if path.suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise ConfigError("writing .mp4 needs ffmpeg, which was not found; write .gif instead")
-    first = replay.before(run)
-    if first is None:
+    if run.start is None:
         raise RunFolderError(
             f"{run.folder}: no evaluation at step 0, so there is no 'before tuning' to show"
         )
     task = replay.rebuild(run)
-    segments = replay.demonstrate(task, [first, run.outcome["parameters"]])
+    segments = replay.demonstrate(task, [run.start, run.outcome["parameters"]])
     titles = ("Before tuning", f"After {run.outcome['env_steps']:,} steps")
     with cli.writing(path), style.drawing(style.SCREEN):
         (_write_gif if path.suffix == ".gif" else _write_mp4)(path, frames(task, segments, titles))

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from zoac.analysis.data.runs import REGULARISED, Method, Run
 
 if TYPE_CHECKING:
@@ -88,6 +90,12 @@ def stands_apart(method: Method, methods: Iterable[Method]) -> bool:
 def unit_label(name: str, unit: str) -> str:
     """Return "m [kg]", or the name alone for a pure number."""
     return f"{name} [{unit.replace('^2', '²')}]" if unit else name
+
+
+def needs_log(values: np.ndarray) -> bool:
+    """Tell whether an axis of these values is logarithmic; only finite ones count."""
+    values = values[np.isfinite(values)]
+    return bool(values.size and values.max() > 20 * values.min() > 0)
 
 
 def big_axis(axes: Axes, label: str) -> None:

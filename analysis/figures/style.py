@@ -259,10 +259,13 @@ def save(draw: Callable[[], Figure], options: argparse.Namespace, name: str) -> 
             cli.write(options.out / f"{name}.{kind}", image(figure, kind))
 
 
-def entries(axes: Axes) -> dict[str, Artist]:
-    """Return what a legend of `axes` shows, label -> line."""
-    handles, labels = axes.get_legend_handles_labels()
-    return dict(zip(labels, handles, strict=True))
+def entries(figure: Figure) -> dict[str, Artist]:
+    """Return what a legend of all panels shows, label -> line."""
+    found: dict[str, Artist] = {}
+    for axes in figure.axes:
+        handles, labels = axes.get_legend_handles_labels()
+        found |= zip(labels, handles, strict=True)
+    return found
 
 
 def legend_above(figure: Figure, entries: Mapping[str, Artist], columns: int = 6) -> None:

@@ -170,7 +170,7 @@ def picture(made: Figure, name: str, label: str, caption: str = "", columns: int
         columns: At most, of a legend above the picture; 0: none is added.
     """
     if columns:
-        style.legend_above(made, style.entries(made.axes[0]), columns)
+        style.legend_above(made, style.entries(made), columns)
     svg = style.image(made, "svg", salt=name).decode()
     svg = svg[svg.index("<svg") :]
     # Groups are numbered alike in every picture, and nothing refers to them.

@@ -1,11 +1,11 @@
 """The part of a report that shows parameters before and after, within their bounds."""
 
+from collections.abc import Mapping
 from html import escape
 from typing import Any
 
 import numpy as np
 
-from zoac.analysis.data import replay
 from zoac.analysis.data.baseline import Before
 from zoac.analysis.data.runs import Run
 from zoac.analysis.figures.labels import unit_label
@@ -22,7 +22,7 @@ RANGE = "Range"
 def parameters(run: Run, compared: Before | None) -> str:
     """Return a table of the parameters; those at a bound are named below it."""
     before = (compared and compared.parameters) or {}
-    first = replay.before(run) or {}
+    first = run.start or {}
     start = {} if _alike(first, before) else first
     marks = {"before": before, "after": run.outcome["parameters"], "start": start}
     lines = [["Name", "Start of tuning", "Before", "After", RANGE]]
@@ -54,7 +54,7 @@ def parameters(run: Run, compared: Before | None) -> str:
     return text
 
 
-def _alike(one: dict[str, Any], other: Any) -> bool:
+def _alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     """Tell whether two sets of parameters are the same up to rounding."""
     return one.keys() == other.keys() and all(
         one[k] == other[k] if isinstance(one[k], str) else bool(np.isclose(one[k], other[k]))

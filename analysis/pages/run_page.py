@@ -7,7 +7,7 @@ import numpy as np
 from zoac.analysis.data.baseline import Before, before
 from zoac.analysis.data.runs import Run
 from zoac.analysis.figures import style
-from zoac.analysis.figures.labels import METRICS, big_axis
+from zoac.analysis.figures.labels import METRICS, big_axis, needs_log
 from zoac.analysis.pages import html, loops
 from zoac.analysis.pages.formatting import estimate, signed, significant
 from zoac.analysis.pages.parameters import parameters
@@ -137,9 +137,7 @@ def _learning_curves(run: Run, compared: Before | None) -> list[str]:
                 np.array(steps)[broken], values[broken], "x", color=style.BAD, ms=7, mew=1.5,
                 label="A requirement is broken",
             )  # fmt: skip
-        seen = np.concatenate([values, level])
-        seen = seen[np.isfinite(seen)]
-        if seen.size and seen.max() > 20 * seen.min() > 0:
+        if needs_log(np.concatenate([values, level])):
             axes.set_yscale("log")
         big_axis(axes, "Experiments" if study else METRICS["env_steps"])
         axes.set_ylabel("Cost" if metric == "cost_mean" else METRICS[metric])

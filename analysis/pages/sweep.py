@@ -1,16 +1,14 @@
 """The part of a report that compares methods over their seeds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
+from dataclasses import replace
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zoac.analysis.curves import all_panels, draw_panel
+from zoac.analysis.curves import Curve, all_panels, draw_panel
 from zoac.analysis.data.baseline import Before, baseline_values
-from zoac.analysis.data.runs import Collection, Run, by_method
+from zoac.analysis.data.runs import Collection, Method, Run, by_method
 from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import METRICS, method_labels
 from zoac.analysis.pages import html
@@ -24,11 +22,8 @@ from zoac.analysis.pages.formatting import (
     without_empty_columns,
 )
 from zoac.analysis.statistics.claims import Claim
-from zoac.analysis.statistics.comparison import Comparison, compare
+from zoac.analysis.statistics.comparison import NOMINAL, Comparison, compare
 from zoac.analysis.statistics.intervals import MIN_SEEDS, Interval
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 def sweep(collection: Collection, task: str) -> str:
@@ -105,30 +100,22 @@ def _table(comparison: Comparison, baselines: Mapping[Run, Before]) -> str:
 def _curves(collection: Collection, task: str, baselines: Mapping[Run, Before]) -> list[str]:
     pictures = []
     for panel in all_panels(collection, task):
-        methods = [curve.method for curve in panel.curves]
-        if all(len(curve.x) == 1 for curve in panel.curves):  # nothing was tuned
+        tuned = [curve for curve in panel.curves if len(curve.x) > 1]
+        if not tuned:
             continue
-        figure, axes = html.figure()
+        methods = [curve.method for curve in panel.curves]
         looks, labels = style.looks(methods), method_labels(methods, panel.names)
-        draw_panel(axes, panel, looks, labels, "env_steps")
         cost = _shared(baselines, panel.episodes)
-        untuned = any(len(curve.x) == 1 for curve in panel.curves)
-        if panel.metric == "cost_mean" and cost is not None and not untuned:
-            centres = np.concatenate([curve.centre for curve in panel.curves])
-            _draw_baseline(axes, cost, float(np.nanmin(centres, initial=np.inf)))
+        if panel.metric == "cost_mean" and cost is not None and len(tuned) == len(methods):
+            baseline, level = Method(task, NOMINAL, None), np.array([cost])
+            looks[baseline], labels[baseline] = style.NOMINAL, "Baseline values"
+            line = Curve(baseline, np.zeros(1), level, level, level)
+            panel = replace(panel, curves=(*panel.curves, line))
+        figure, axes = html.figure()
+        draw_panel(axes, panel, looks, labels, "env_steps")
         name = f"{task} {panel.metric}"
         pictures.append(html.picture(figure, name, METRICS[panel.metric], columns=3))
     return pictures
-
-
-def _draw_baseline(axes: Axes, cost: float, least: float) -> None:
-    """Draw the cost of the baseline values below or above curves that are at least `least`."""
-    look = style.NOMINAL
-    axes.axhline(cost, color=look.colour, ls=look.dashes, lw=1.2, label="Baseline values")
-    lowest = min(cost, least)
-    if lowest > 0 and axes.get_ylim()[1] > 20 * lowest:
-        axes.set_yscale("log")
-        axes.set_ylim(bottom=0.8 * lowest)
 
 
 def _differences(claims: tuple[Claim, ...]) -> str:

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-import numpy as np
-
 from zoac.analysis.pages.formatting import estimate
 from zoac.analysis.statistics.intervals import (
     MIN_SEEDS,
@@ -48,11 +46,6 @@ class Claim:
         return "no claim" if side == 0 else f"{self.first if side < 0 else self.second} {what}"
 
 
-def claim_stream(random_seed: int, first: str, second: str) -> np.random.Generator:
-    """Return the stream of the bootstrap for the difference of two labelled methods."""
-    return stream(random_seed, f"analysis {first} - {second}")
-
-
 def claims(methods: Sequence[tuple[str, Scores]], random_seed: int) -> tuple[Claim, ...]:
     """Return a claim for each pair of labelled methods, in order."""
     made = []
@@ -60,6 +53,6 @@ def claims(methods: Sequence[tuple[str, Scores]], random_seed: int) -> tuple[Cla
         improvement = None
         if a.tuned and b.tuned:
             improvement = probability_of_improvement(a.per_seed, b.per_seed)
-        rng = claim_stream(random_seed, first, second)
+        rng = stream(random_seed, f"analysis {first} - {second}")
         made.append(Claim(first, second, paired_difference(a, b, rng), improvement))
     return tuple(made)

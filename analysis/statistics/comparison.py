@@ -9,14 +9,13 @@ import numpy as np
 from zoac.analysis.data.fairness import refuse_unequal, unmixed
 from zoac.analysis.data.runs import Collection, Method, Run
 from zoac.analysis.figures.labels import family, method_labels, tuner_names
-from zoac.analysis.statistics.claims import Claim, claim_stream, claims
+from zoac.analysis.statistics.claims import Claim, claims
 from zoac.analysis.statistics.intervals import (
     Interval,
     MeanStd,
     Scores,
     interquartile_mean,
     mean_std,
-    paired_difference,
     summarise,
 )
 from zoac.core.errors import RunFolderError
@@ -129,32 +128,31 @@ def compare(
     expected = TABLE2 if whole_table and task == TABLE2[0].task else ()
     known_tuners = {(m.task, m.tuner) for m in groups}
     missing = {m for m in expected if (m.task, m.tuner) not in known_tuners}
-    methods = _order({run.method for run in runs} | missing)
+    methods = sorted({run.method for run in runs} | missing, key=lambda method: method.rank)
     labels = method_labels(methods, tuner_names(runs))
-    nominal = next((m for m, group in groups.items() if _is_untuned(group[0])), None)
+    nominal = next((labels[m] for m, group in groups.items() if _is_untuned(group[0])), None)
     scores = {}
     for method, found in rows.items():
         costs = np.stack([_costs(row)[:episodes] for row in found.values()])
         if np.isfinite(costs).all():
             scores[method] = Scores(costs, groups[method][0].tuned)
-    reference = (labels[nominal], scores[nominal]) if nominal in scores else None
+    known = [(labels[method], scores[method]) for method in methods if method in scores]
+    judged = claims(known, random_seed)
+    minus_nominal = {c.first: c.difference for c in judged if c.second == nominal}
     summaries = [
         _summary(
             method, labels[method], groups.get(method, []), rows.get(method, {}), wanted,
-            scores.get(method), None if method == nominal else reference, random_seed,
+            scores.get(method), minus_nominal.get(labels[method]), random_seed,
         )
         for method in methods
     ]  # fmt: skip
-    known = [(labels[method], scores[method]) for method in methods if method in scores]
     notes = [
         *_missing_notes(summaries),
         *_violation_notes(all_rows),
         *_timing_notes([run for group in groups.values() for run in group]),
         *(f"left out {item}" for item in collection.left_out),
     ]
-    return Comparison(
-        task, tuple(summaries), claims(known, random_seed), tuple(notes), budget, episodes
-    )
+    return Comparison(task, tuple(summaries), judged, tuple(notes), budget, episodes)
 
 
 def reached(run: Run, budget: int | None = None) -> Mapping[str, Any]:
@@ -183,19 +181,16 @@ def _summary(
     rows: Mapping[int, Mapping[str, Any]],
     wanted: Sequence[int],
     scores: Scores | None,
-    nominal: tuple[str, Scores] | None,
+    minus_nominal: Interval | None,
     random_seed: int,
 ) -> Summary:
     """Return the summary of a method with its runs, and with what each seed reached."""
     tuned = scores.tuned if scores is not None else method.tuner != NOMINAL
-    cost = iqm = minus_nominal = None
+    cost = iqm = None
     if scores is not None:
         name = f"analysis {label}"
         cost = summarise(scores, stream(random_seed, name))
         iqm = summarise(scores, stream(random_seed, name, 1), statistic=interquartile_mean)
-        if nominal is not None:
-            rng = claim_stream(random_seed, label, nominal[0])
-            minus_nominal = paired_difference(scores, nominal[1], rng)
 
     def over_seeds(values: Sequence[float]) -> MeanStd | None:
         # The seeds of a controller that was not tuned are copies.
@@ -226,16 +221,6 @@ def _summary(
 
 def _is_untuned(run: Run) -> bool:
     return run.result is not None and not run.tuned
-
-
-def _order(methods: set[Method]) -> list[Method]:
-    tuners = list(dict.fromkeys(m.tuner for m in TABLE2 if m.tuner != NOMINAL))
-
-    def key(m: Method) -> tuple[bool, int, str, str, str]:
-        place = tuners.index(m.tuner) if m.tuner in tuners else len(tuners)
-        return m.tuner == NOMINAL, place, m.tuner, m.task, m.variant or ""
-
-    return sorted(methods, key=key)
 
 
 def _missing_notes(summaries: Sequence[Summary]) -> list[str]:

@@ -38,22 +38,13 @@ class Scores:
     """Costs of one method.
 
     Args:
-        costs: (S, E), seeds by common evaluation episodes.
+        costs: (S, E), seeds by common evaluation episodes; finite.
         tuned: Whether seeds differ by chance. A controller that was not tuned is the same for
             every seed, so only the episodes limit the confidence.
-
-    Raises:
-        ValueError: If `costs` is not a table or holds a number that is not finite.
     """
 
     costs: np.ndarray
     tuned: bool = True
-
-    def __post_init__(self) -> None:
-        if self.costs.ndim != 2 or not self.costs.size:
-            raise ValueError(f"costs must be (seeds, episodes), got shape {self.costs.shape}")
-        if not np.isfinite(self.costs).all():
-            raise ValueError("costs must be finite; name the run that is not, do not average it")
 
     @property
     def per_seed(self) -> np.ndarray:
@@ -123,11 +114,7 @@ def summarise(
 def paired_difference(
     a: Scores, b: Scores, rng: np.random.Generator, *, resamples: int = RESAMPLES
 ) -> Interval:
-    """Return the mean cost of `a` minus that of `b` on the same episodes, with its interval.
-
-    Raises:
-        ValueError: If the two did not meet the same number of episodes.
-    """
+    """Return the mean cost of `a` minus that of `b` on the same episodes, with its interval."""
     drawn_a, drawn_b = _bootstrap([a, b], rng, mean, resamples)
     estimate = float(mean(a.per_seed) - mean(b.per_seed))
     return _interval(estimate, drawn_a - drawn_b, [a, b])
@@ -160,10 +147,7 @@ def _bootstrap(
     groups: Sequence[Scores], rng: np.random.Generator, statistic: Statistic, resamples: int
 ) -> list[np.ndarray]:
     """Return `statistic` of each group in each resample, (R,), with common episodes."""
-    episodes = {group.costs.shape[1] for group in groups}
-    if len(episodes) > 1:
-        raise ValueError(f"paired costs need the same episodes, got {sorted(episodes)} of them")
-    (count,) = episodes
+    count = groups[0].costs.shape[1]
     weights = rng.multinomial(count, np.full(count, 1.0 / count), size=resamples) / count
     drawn = []
     for group in groups:

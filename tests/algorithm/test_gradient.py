@@ -9,6 +9,14 @@ def test_gradient_is_the_weighted_mean_of_directions_over_sigma():
     np.testing.assert_allclose(gradient, [3.0, -2.0])
 
 
+def test_gradient_of_whole_episodes_is_equation_2():
+    """On a linear cost g.z with noise vectors that are orthonormal up to sqrt(n): exactly g."""
+    g, sigma = np.array([2.0, -1.0, 0.5]), 0.1
+    noise = np.sqrt(6) * np.concatenate([np.eye(3), -np.eye(3)]) / np.sqrt(2)
+    costs = 7.0 + (sigma * noise) @ g
+    assert np.allclose(zeroth_order_gradient(costs, noise, sigma), g)
+
+
 def test_theorem_1_on_a_linear_quadratic_problem():
     """The estimator's mean is the gradient of the smoothed cost of x' = x + u, u = -theta x.
 

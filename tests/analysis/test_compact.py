@@ -8,7 +8,6 @@ import pytest
 
 from tests.analysis.folders import write_run
 from zoac.analysis import beyond, compact, curves, landscape, table2
-from zoac.analysis.data import replay
 from zoac.analysis.data.load import load
 
 RESULTS = Path(__file__).parents[2] / "results"
@@ -166,7 +165,7 @@ def test_evaluations_can_be_thinned(runs, tmp_path, every, kept):
 def test_figures_do_without_what_was_not_kept(small, tmp_path):
     arguments = [str(small), "--task", "pid_acc", "--points", "2", "--out", str(tmp_path / "out")]
     assert landscape.main(arguments) == 0
-    assert replay.before(load(small).runs[0]) is None
+    assert load(small).runs[0].start is None
 
 
 @pytest.mark.parametrize("value", ["speed", "1", "null", "", 'a "b", *2 c', None, True, [8, 8]])

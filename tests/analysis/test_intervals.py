@@ -125,16 +125,6 @@ def test_same_generator_same_interval() -> None:
     assert first == second
 
 
-def test_paired_costs_need_the_same_episodes(rng: np.random.Generator) -> None:
-    with pytest.raises(ValueError, match="the same episodes"):
-        paired_difference(Scores(np.ones((2, 3))), Scores(np.ones((2, 4))), rng)
-
-
-def test_a_cost_that_is_not_a_number_is_not_averaged() -> None:
-    with pytest.raises(ValueError, match="finite"):
-        Scores(np.array([[1.0, np.nan]]))
-
-
 def test_probability_of_improvement_of_two_normals(rng: np.random.Generator) -> None:
     # P(A < B) for A ~ N(0, 1), B ~ N(1, 1) is Phi(1 / sqrt(2)).
     estimate = probability_of_improvement(rng.normal(0, 1, 2000), rng.normal(1, 1, 2000)).estimate

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
+from matplotlib.axes import Axes
 
 from tests.analysis.folders import write_run
+from zoac.analysis.curves import draw_panel
 from zoac.analysis.pages import sweep
 from zoac.analysis.report import main
 
@@ -29,14 +32,21 @@ def without_costs(folder: Path) -> Path:
 def test_a_method_without_finite_costs_leaves_the_other_curves_in_view(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    least = []
-    monkeypatch.setattr(sweep, "_draw_baseline", lambda axes, cost, value: least.append(value))
+    views = []
+
+    def drawn(axes: Axes, *rest: Any) -> None:
+        draw_panel(axes, *rest)
+        views.append(axes.get_ylim())
+
+    monkeypatch.setattr(sweep, "draw_panel", drawn)
     result = {"baseline": {"cost_mean": 5.0, "cost_per_episode": [5.0, 5.0]}}
     for seed in (0, 1):
         without_costs(write_run(tmp_path, "zoac", seed, costs=(2.0, 2.0), result=result))
         write_run(tmp_path, "bo", seed, costs=(0.1, 0.1), result=result)
     page(tmp_path, tmp_path / "out")
-    assert least == [0.1]
+    bottom, top = views[0]
+    assert bottom == pytest.approx(0.08)
+    assert top > 5.0
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")

@@ -204,7 +204,6 @@ class Zoac(Tuner):
         return self._problem.space.clip(chosen)
 
     def state(self) -> dict[str, Any]:
-        """Return everything that lasts between iterations."""
         self.background_update()
         return {
             "rng": self._rng.bit_generator.state,
@@ -220,7 +219,6 @@ class Zoac(Tuner):
         }
 
     def restore(self, state: Any) -> None:
-        """Restore what `state` returned."""
         self._rng.bit_generator.state = state["rng"]
         self._critic.restore(state["critic"])
         self._critic_loss = state["critic_loss"]
@@ -232,7 +230,6 @@ class Zoac(Tuner):
         self._directions = state["directions"].copy()
 
     def describe(self) -> dict[str, Any]:
-        """Return the choices that a comparison must show."""
         return {
             "start": _STARTS[self._start],
             "noise_model": f"advantages from a critic; perturbation {self.sigma:g}",

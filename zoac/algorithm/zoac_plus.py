@@ -98,16 +98,13 @@ class PairedZoac(Zoac):
         return super()._weights(advantages)
 
     def state(self) -> dict[str, Any]:
-        """Return everything that lasts between iterations."""
         return {**super().state(), "shrinkage": self._shrinkage}
 
     def restore(self, state: Any) -> None:
-        """Restore what `state` returned."""
         super().restore(state)
         self._shrinkage = state["shrinkage"]
 
     def describe(self) -> dict[str, Any]:
-        """Return the choices that a comparison must show."""
         choices = super().describe()
         if self._paired:
             choices["noise_model"] = f"paired segments; {choices['noise_model']}"

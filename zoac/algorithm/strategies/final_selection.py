@@ -44,7 +44,7 @@ class FinalSelection(ReservedSteps):
             baseline: The baseline, if there is one, is a candidate too. False for comparisons of
                 methods, of which others are not given it.
         """
-        least = steps_to_choose(problem, 2) / max(1, problem.budget)
+        least = 2 * problem.max_episode_steps / max(1, problem.budget)
         chosen = 0.0 if least > 0.5 else max(fraction, least)
         super().__init__(problem, begin, chosen)
         self._count = None if every is not None else candidates + 1
@@ -160,15 +160,10 @@ def best_evaluated(problem: Problem, begin: Begin, *, every: int) -> FinalSelect
         ConfigError: If the budget cannot pay for two candidates.
     """
     reserved = problem.budget - search_budget(problem.budget, FRACTION)
-    if (needed := steps_to_choose(problem, 2)) > reserved:
+    if (needed := 2 * problem.max_episode_steps) > reserved:
         raise ConfigError(
             f"select=best_evaluated: choosing between two candidates may take {needed:,} "
             f"steps, and its fraction of the budget is {reserved:,}; give a budget of "
             f"{math.ceil(needed / FRACTION):,} steps or more"
         )
     return FinalSelection(problem, begin, fraction=FRACTION, every=every)
-
-
-def steps_to_choose(problem: Problem, count: int) -> int:
-    """Return the steps that a choice among `count` candidates takes at least."""
-    return count * problem.max_episode_steps

@@ -84,12 +84,8 @@ class HeldOut:
 
     def ask_within(self, steps: int) -> list[Proposal]:
         """Return as many of the next episodes as keep all busy and fit in `steps`, at least one."""
-        return self.ask(max(1, min(self.busy, steps // self.steps(1))))
-
-    @property
-    def busy(self) -> int:
-        """How many episodes of every candidate run side by side, at least one."""
-        return max(1, self._problem.num_envs // len(self._candidates))
+        side_by_side = self._problem.num_envs // len(self._candidates)
+        return self.ask(max(1, min(side_by_side, steps // self.steps(1))))
 
     def steps(self, episodes: int) -> int:
         """Return the steps that so many episodes of every candidate take at most."""

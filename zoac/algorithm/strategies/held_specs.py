@@ -50,7 +50,7 @@ class HeldSpecs(ReservedSteps):
 
     def tell(self, segments: Sequence[Segment]) -> dict[str, float]:
         """Pass on what the tuner asked for and remember it; or take the held-out episodes."""
-        if self._searching and segments:
+        if self._searching:
             self._points = np.concatenate([self._points, [s.proposal.x for s in segments]])
             self._outcomes += Outcomes.of(segments)
         return super().tell(segments)
