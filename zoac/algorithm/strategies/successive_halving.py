@@ -38,7 +38,7 @@ class SuccessiveHalving(StartSearch):
     The horizon grows geometrically to a whole episode. The last round is between the best few only,
     over as many whole episodes as its steps allow. Where environments cannot be restored
     (`Problem.supports_snapshots`), every round runs whole episodes from the environments' own
-    starts.
+    starts, and there are as many rounds as the budget allows.
     """
 
     whole_episodes = False
@@ -71,6 +71,9 @@ class SuccessiveHalving(StartSearch):
             self._first = problem.baseline_start("start=baseline")
         self._survivors = min(1.0, dimension / NO_OFFSPRING) if survivors is None else survivors
         self._fraction, self._start = fraction, start
+        if not problem.supports_snapshots:  # a round is at least so many whole episodes
+            episodes = int(fraction * problem.budget / problem.max_episode_steps)
+            rounds = max(1, min(rounds, episodes // MIN_POINTS))
         steps = fraction * problem.budget / rounds
         self._horizons = _horizons(problem, rounds)
         self._sizes = [max(MIN_POINTS, int(steps / h)) for h in self._horizons]
