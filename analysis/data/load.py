@@ -24,7 +24,6 @@ IDENTITY = ("task", "tuner", "seed", "variant", "config_hash")
 """Keys on which a run's files must agree."""
 
 NEEDED = {
-    RUN: (*IDENTITY, "config", "parameters", "nominal"),
     METRICS: ("kind", "env_steps", "wall_seconds"),
     RESULT: (*IDENTITY, "env_steps", "cost_per_episode", "parameters", "wall_seconds"),
 }
@@ -71,7 +70,7 @@ def read(folder: Path) -> Run:
     Raises:
         RunFolderError: If it is damaged, or its files do not belong together.
     """
-    identity = _complete(folder, RUN, read_run(folder))
+    identity = read_run(folder)
     done = is_done(folder)
     lines = read_metrics(folder) if done or (folder / METRICS).exists() else []
     metrics = [_complete(folder, METRICS, line) for line in lines]
@@ -92,8 +91,8 @@ def read(folder: Path) -> Run:
     return Run(folder, identity, metrics, result)
 
 
-def _complete(folder: Path, file: str, record: Any) -> dict[str, Any]:
-    missing = [key for key in NEEDED[file] if not isinstance(record, dict) or key not in record]
+def _complete(folder: Path, file: str, record: dict[str, Any]) -> dict[str, Any]:
+    missing = [key for key in NEEDED[file] if key not in record]
     if missing:
         raise RunFolderError(f"{folder}: {file} has a record without {', '.join(missing)}")
     return record

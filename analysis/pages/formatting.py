@@ -20,8 +20,8 @@ def number(value: float, sign: bool = False) -> str:
     plus = "+" if sign else ""
     if value == 0 or 1e-2 <= abs(value) < 1e6:
         return f"{value:{plus}.{_digits(value)}f}"
-    exponent = math.floor(math.log10(abs(value)))
-    return f"{value / 10.0**exponent:{plus}.1f}e{exponent}"
+    mantissa, exponent = f"{value:{plus}.1e}".split("e")
+    return f"{mantissa}e{int(exponent)}"
 
 
 def significant(value: float) -> str:
@@ -63,7 +63,7 @@ def plus_minus(value: MeanStd | None) -> str:
             return f"{value.mean:.2f}"
         digits = _digits(value.mean)
         return f"{value.mean:.{digits}f} ± {value.std:.{digits}f}"
-    exponent = math.floor(math.log10(abs(value.mean)))
+    exponent = int(f"{value.mean:.1e}".partition("e")[2])
     mean, std = value.mean / 10.0**exponent, value.std / 10.0**exponent
     return (
         f"({mean:.1f} ± {std:.1f})e{exponent}" if math.isfinite(std) else f"{mean:.1f}e{exponent}"

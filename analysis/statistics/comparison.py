@@ -130,7 +130,7 @@ def compare(
     missing = {m for m in expected if (m.task, m.tuner) not in known_tuners}
     methods = sorted({run.method for run in runs} | missing, key=lambda method: method.rank)
     labels = method_labels(methods, tuner_names(runs))
-    nominal = next((labels[m] for m, group in groups.items() if _is_untuned(group[0])), None)
+    nominal = next((labels[m] for m in groups if m.tuner == "nominal"), None)
     scores = {}
     for method, found in rows.items():
         costs = np.stack([_costs(row)[:episodes] for row in found.values()])

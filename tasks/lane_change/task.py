@@ -62,7 +62,7 @@ class LaneChange(Task):
         ]
     )
     metrics = (
-        Metric("speed", lambda s: s.observations[1:, 0], unit="m/s"),
+        Metric("speed", lambda s: s.observations[1:, 0]),
         Metric("changes", lambda s: s.actions[:, 1], reduce="sum"),
     )
     constraints = (Constraint("distance", _too_near, scale=5.0),)

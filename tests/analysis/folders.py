@@ -84,6 +84,7 @@ def write_run(
             "tuner_choices": {"start": "uniform <from the seed>"},
             "parameters": SPACE,
             "nominal": NOMINAL,
+            "fixed": {},
             "versions": {"zoac": "0.1.0"},
             "commit": "0123abcd",
             "started": "2026-01-01T00:00:00+00:00",

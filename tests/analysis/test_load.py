@@ -70,11 +70,14 @@ def test_a_cut_last_line_of_an_unfinished_run_costs_only_that_line(tmp_path: Pat
     assert [row["env_steps"] for row in read(folder).metrics] == [0, 250]
 
 
-def test_a_damaged_line_in_the_middle_is_skipped_by_its_number(tmp_path: Path) -> None:
+@pytest.mark.parametrize("damaged", ['{"kind": "eva', "5", "{}", "null"])
+def test_a_damaged_line_in_the_middle_is_skipped_by_its_number(
+    damaged: str, tmp_path: Path
+) -> None:
     write_run(tmp_path)
     metrics = write_run(tmp_path, seed=1) / "metrics.jsonl"
     lines = metrics.read_text().split("\n")
-    metrics.write_text("\n".join([lines[0], lines[1][:20], *lines[2:]]))
+    metrics.write_text("\n".join([lines[0], damaged, *lines[2:]]))
     assert skipped(tmp_path) == ["pid_acc/zoac/seed=1: metrics.jsonl: line 2 is damaged"]
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.analysis.folders import NOMINAL, write_run
 from zoac.analysis.data.load import load
-from zoac.analysis.pages.formatting import estimate, plus_minus
+from zoac.analysis.pages.formatting import estimate, number, plus_minus
 from zoac.analysis.statistics.comparison import compare
 from zoac.analysis.statistics.intervals import Interval, MeanStd
 from zoac.analysis.table2 import csv, latex, main, main_cells, markdown
@@ -158,6 +158,15 @@ def test_the_table_and_the_claims_tell_the_same_difference_to_nominal(sweep: Pat
         assert [summary.intervals["minus_nominal"]] == ([c.difference for c in against] or [None])
 
 
+def test_minus_nominal_is_against_the_tuner_of_that_name(sweep: Path) -> None:
+    for seed in range(5):  # a tuner of a user's own that took no step either, and sorts before
+        write_run(sweep, "asis", seed, costs=(90.0,) * 4, result={"env_steps": 0}, evaluations=())
+    for summary in compare(load(sweep), "pid_acc").summaries:
+        if summary.method.tuner == "bo":
+            assert summary.intervals["minus_nominal"].estimate < 10.0
+            return
+
+
 def test_four_seeds_carry_no_claim(sweep: Path) -> None:
     text = table(sweep, seeds=range(4))
     assert "ZOAC - BO = -3.12: no claim, fewer than 5 seeds" in text
@@ -215,6 +224,7 @@ def test_times_of_different_machines_are_flagged(sweep: Path) -> None:
         (MeanStd(41.72, 3.84), "41.7 ± 3.8"),
         (MeanStd(2.94e-4, 1.36e-4), "(2.9 ± 1.4)e-4"),
         (MeanStd(2.66e4, 1.2e3), "(2.7 ± 0.1)e4"),
+        (MeanStd(9.96e-3, 1e-3), "(1.0 ± 0.1)e-2"),
         (MeanStd(1.976, 0.0213), "1.98 ± 0.02"),
         (MeanStd(37.16, float("nan")), "37.16"),
         (None, "--"),
@@ -222,6 +232,14 @@ def test_times_of_different_machines_are_flagged(sweep: Path) -> None:
 )
 def test_numbers_read_as_the_paper_prints_them(mean_std: MeanStd | None, shown: str) -> None:
     assert plus_minus(mean_std) == shown
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(0.00996, "+1.0e-2"), (9.97e6, "+1.0e7"), (-2.34e-5, "-2.3e-5"), (999.4, "+999.4")],
+)
+def test_an_exponent_is_that_of_the_rounded_number(value: float, shown: str) -> None:
+    assert number(value, sign=True) == shown
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from zoac.core.errors import ConfigError
+from zoac.core.errors import ConfigError, RunFolderError
 from zoac.runs import schema
 from zoac.runs.export import FORMATS, export
 
@@ -46,6 +46,14 @@ def test_all_else_is_written_as_it_is():
     assert strict(schema.json_line(content)) == {
         "a": 0.1, "b": [1, True, "x", None], "c": 3, "d": [1.5],
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("key", schema.OF_EVERY_RUN)
+def test_a_run_json_without_one_of_its_keys_is_refused_by_that(tmp_path, key):
+    run = {name: {} for name in schema.OF_EVERY_RUN if name != key}
+    schema.write_json(tmp_path / schema.RUN, {"format": schema.FORMAT, **run})
+    with pytest.raises(RunFolderError, match=rf"run\.json: a record without {key};"):
+        schema.read_run(tmp_path)
 
 
 def test_costs_that_are_null_are_read_as_nan(tmp_path):

@@ -134,7 +134,6 @@ class Metric(_Quantity):
         name: Name in logs and results.
         per_step: Function of a segment that returns one value per step, (T,).
         reduce: "mean" over all steps of all episodes, or "sum".
-        unit: Unit for people to read.
 
     Raises:
         ConfigError: If the name is one that results have already (`RESERVED`), or an argument
@@ -142,7 +141,6 @@ class Metric(_Quantity):
     """
 
     reduce: Literal["mean", "sum"] = "mean"
-    unit: str = ""
 
     def __post_init__(self) -> None:
         _Quantity.__post_init__(self)

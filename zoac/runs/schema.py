@@ -32,6 +32,11 @@ JOURNAL = "journal.jsonl"
 """Of a study."""
 TASK = "task.pkl"
 """The task of a run that was not started from a YAML file."""
+OF_EVERY_RUN = (
+    "task", "tuner", "seed", "variant", "config", "config_hash", "parameters", "fixed", "nominal",
+    "versions", "machine", "commit",
+)  # fmt: skip
+"""Keys that every `run.json` has."""
 
 
 def config_hash(config: Mapping[str, Any]) -> str:
@@ -121,9 +126,13 @@ def read_run(folder: Path) -> dict[str, Any]:
     """Return `run.json`.
 
     Raises:
-        RunFolderError: If it is missing, damaged or of another format.
+        RunFolderError: If it is missing, damaged, incomplete or of another format.
     """
-    return _read_json(Path(folder) / RUN)
+    path = Path(folder) / RUN
+    run = _read_json(path)
+    if missing := [key for key in OF_EVERY_RUN if key not in run]:
+        raise RunFolderError(f"{path}: a record without {', '.join(missing)}; zoac writes all")
+    return run
 
 
 def read_result(folder: Path) -> dict[str, Any]:
@@ -171,7 +180,10 @@ def read_row(line: str) -> dict[str, Any]:
     Raises:
         ValueError: If it is damaged.
     """
-    return {key: _numbers(value) for key, value in json.loads(line).items()}
+    row = json.loads(line)
+    if not isinstance(row, dict) or "kind" not in row:
+        raise ValueError("no row")
+    return {key: _numbers(value) for key, value in row.items()}
 
 
 def read_metrics(folder: Path) -> list[dict[str, Any]]:

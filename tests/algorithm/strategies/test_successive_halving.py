@@ -126,3 +126,11 @@ def test_the_baseline_takes_part_if_it_is_told_to():
 def test_where_environments_cannot_be_restored_every_round_runs_whole_episodes_of_their_own():
     proposals = [s.proposal for segments in run(make(supports_snapshots=False)) for s in segments]
     assert {(p.horizon, p.seed, p.restore) for p in proposals} == {(None, None, False)}
+
+
+@pytest.mark.parametrize("rounds", [1, 2, 6])
+@pytest.mark.parametrize("episodes", [14, 30, 100, 301])
+def test_where_environments_cannot_be_restored_whole_rounds_keep_to_the_fraction(episodes, rounds):
+    problem = Problem(CountingTask.space, 3, 4, 7 * episodes, 7, 0, supports_snapshots=False)
+    spent = sum(map(len, run(SuccessiveHalving(problem, Begun, fraction=0.3, rounds=rounds))))
+    assert 0.3 * episodes - 6 <= spent <= 0.3 * episodes
