@@ -38,7 +38,7 @@ class SuccessiveHalving(StartSearch):
     The horizon grows geometrically to a whole episode. The last round is between the best few only,
     over as many whole episodes as its steps allow. Where environments cannot be restored
     (`Problem.supports_snapshots`), every round runs whole episodes from the environments' own
-    starts, and there are as many rounds as the budget allows.
+    starts, and it ends early where the next round would exceed its fraction of the budget.
     """
 
     whole_episodes = False
@@ -71,9 +71,6 @@ class SuccessiveHalving(StartSearch):
             self._first = problem.baseline_start("start=baseline")
         self._survivors = min(1.0, dimension / NO_OFFSPRING) if survivors is None else survivors
         self._fraction, self._start = fraction, start
-        if not problem.supports_snapshots:  # a round is at least so many whole episodes
-            episodes = int(fraction * problem.budget / problem.max_episode_steps)
-            rounds = max(1, min(rounds, episodes // MIN_POINTS))
         steps = fraction * problem.budget / rounds
         self._horizons = _horizons(problem, rounds)
         self._sizes = [max(MIN_POINTS, int(steps / h)) for h in self._horizons]
@@ -132,7 +129,14 @@ class SuccessiveHalving(StartSearch):
         order = ranking(violations.mean(axis=1), costs)
         self._ranked = self._points[order[: max(2, len(order) // 2)]]
         self._round += 1
-        return {"halving_round": self._round, "halving_best_cost": float(costs[order[0]])}
+        told = {"halving_round": self._round, "halving_best_cost": float(costs[order[0]])}
+        if self._looking and not self._problem.supports_snapshots:
+            # A round is several whole episodes, which a small fraction pays for only a few times.
+            episodes = self._sizes[self._round] * self._episodes[self._round]
+            steps = episodes * np.mean([s.length for s in segments])
+            if self._spent + steps > self._fraction * self._problem.budget:
+                self._round = len(self._horizons)
+        return told
 
     def state(self) -> Any:
         return {
