@@ -24,7 +24,7 @@ from typing import Any
 
 from zoac.analysis.data.fairness import unmixed
 from zoac.analysis.data.runs import Run
-from zoac.core.errors import RunFolderError
+from zoac.core.errors import RunFolderError, as_text
 from zoac.runs.schema import config_hash
 
 RUNS, EVALUATIONS, METHODS = "runs.csv", "evaluations.csv", "methods.json"
@@ -172,7 +172,7 @@ def read(folder: Path) -> list[Run]:
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise RunFolderError(
             f"{folder}: its {RUNS}, {EVALUATIONS} and {METHODS} cannot be read together "
-            f"({type(error).__name__}: {error}); write them anew with python -m "
+            f"({as_text(error)}); write them anew with python -m "
             "zoac.analysis.compact"
         ) from None
 

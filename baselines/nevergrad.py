@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from zoac.baselines.episode_tuner import EpisodeTuner
-from zoac.core.errors import ConfigError, suggest
+from zoac.core.errors import ConfigError, as_text, suggest
 from zoac.core.seeding import global_random_kept
 from zoac.core.tuner import Problem
 from zoac.core.types import Positive
@@ -135,7 +135,7 @@ class NevergradTuner(EpisodeTuner):
                 _Thread.settle()
         except Exception as error:
             raise ConfigError(
-                f"Nevergrad's optimiser failed: {type(error).__name__}: {error}. "
+                f"Nevergrad's optimiser failed: {as_text(error)}. "
                 "Choose another; TwoPointsDE, DiagonalCMA and PSO need nothing else"
             ) from error
         finally:

@@ -14,7 +14,7 @@ from zoac.analysis.data import replay
 from zoac.analysis.data.frames import numbers
 from zoac.analysis.data.load import IDENTITY
 from zoac.analysis.data.runs import Run
-from zoac.core.errors import ConfigError, RunFolderError, suggest
+from zoac.core.errors import ConfigError, RunFolderError, as_text, suggest
 from zoac.core.seeding import stream
 from zoac.rollout.task import Task
 from zoac.runs import schema
@@ -219,7 +219,7 @@ def read(path: Path, run: Run) -> tuple[Variation | None, list[Sensitivity]] | N
         return varied, [Sensitivity(**s) for s in record["sensitivity"]]
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise RunFolderError(
-            f"{path}: cannot be read ({type(error).__name__}: {error}); run "
+            f"{path}: cannot be read ({as_text(error)}); run "
             "python -m zoac.analysis.robustness again"
         ) from None
 

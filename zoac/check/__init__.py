@@ -14,7 +14,7 @@ from zoac.check.environment import (
     time_per_step,
 )
 from zoac.check.samples import Found
-from zoac.core.errors import ZoacError
+from zoac.core.errors import ZoacError, as_text
 from zoac.rollout.task import Task
 
 
@@ -38,7 +38,7 @@ def check(task: Task) -> Iterator[Verdict]:
         except ZoacError as error:
             yield Verdict(name, False, str(error))
         except Exception as error:  # whatever a user's environment raises
-            yield Verdict(name, False, f"raised {type(error).__name__}: {error}")
+            yield Verdict(name, False, f"raised {as_text(error)}")
 
 
 CHECKS: dict[str, Callable[[Task], Found]] = {

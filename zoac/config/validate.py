@@ -22,7 +22,7 @@ from pydantic import (
     ValidationError,
 )
 
-from zoac.core.errors import ConfigError, nearest, suggest
+from zoac.core.errors import ConfigError, as_text, nearest, suggest
 
 TARGET = "_target_"
 
@@ -59,7 +59,7 @@ def _import_hint(module: str, error: Exception) -> str:
     if missing is None or not f"{module}.".startswith(f"{missing}."):
         steps = traceback.extract_tb(error.__traceback__)
         place = f" ({steps[-1].filename}, line {steps[-1].lineno})" if steps else ""
-        return f"importing {module} raised {type(error).__name__}: {error}{place}"
+        return f"importing {module} raised {as_text(error)}{place}"
     here = Path.cwd()
     top = module.partition(".")[0]
     modules = {p.stem for p in here.glob("*.py")} | {p.parent.name for p in here.glob("*/*.py")}

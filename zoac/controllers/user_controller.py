@@ -10,7 +10,7 @@ import numpy as np
 
 from zoac.controllers.stateful_controller import StatefulController
 from zoac.core.controller import Controller, Diagnostics, Memory, Parameters
-from zoac.core.errors import ConfigError
+from zoac.core.errors import ConfigError, as_text
 from zoac.core.parameters import ParameterSpace
 from zoac.envs.single_env import takes
 
@@ -36,7 +36,7 @@ def as_controller(given: Any, fixed: Mapping[str, float], space: ParameterSpace)
         except Exception as error:  # whatever a user's constructor raises
             raise ConfigError(
                 f"controller: calling {_name(given)} without arguments raised "
-                f"{type(error).__name__}: {error}; give an object, or a function without arguments "
+                f"{as_text(error)}; give an object, or a function without arguments "
                 "that makes one"
             ) from error
     act = getattr(made, "act", made)
@@ -82,7 +82,7 @@ def _copy(controller: Any) -> Any:
     except Exception as error:  # whatever a user's object raises when it is copied
         raise ConfigError(
             f"the controller, a {_name(type(controller))}, cannot be copied "
-            f"({type(error).__name__}: {error}), and each environment needs one of its own: "
+            f"({as_text(error)}), and each environment needs one of its own: "
             "give its class, or a function without arguments that makes one"
         ) from error
 

@@ -138,6 +138,11 @@ def nearest(name: str, choices: Iterable[str]) -> str | None:
     return next(iter(get_close_matches(name, choices, n=1, cutoff=0.5)), None)
 
 
+def as_text(error: BaseException) -> str:
+    """Return the class and the message of an exception, or its class alone if it has none."""
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+
+
 def suggest(name: str, choices: Iterable[str]) -> str:
     """Return "did you mean ...?" and the list of valid choices, as one clause.
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from zoac.core.errors import ConfigError, ZoacError, suggest
+from zoac.core.errors import ConfigError, ZoacError, as_text, suggest
 from zoac.core.types import is_number
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def read_from(
     except Exception as error:  # whatever a user's function raises
         diagnostics = ", ".join(segment.diagnostics) or "none"
         raise ConfigError(
-            f"{what} raised {type(error).__name__}: {error}; a segment has observations "
+            f"{what} raised {as_text(error)}; a segment has observations "
             f"{segment.observations.shape}, actions {segment.actions.shape}, costs "
             f"{segment.costs.shape}, and diagnostics: {diagnostics}"
         ) from error

@@ -9,7 +9,13 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
 
-from zoac.core.errors import ConfigError, EnvironmentContractError, EnvironmentFailure, ZoacError
+from zoac.core.errors import (
+    ConfigError,
+    EnvironmentContractError,
+    EnvironmentFailure,
+    ZoacError,
+    as_text,
+)
 from zoac.core.seeding import stream
 from zoac.core.state import OwnObject
 from zoac.core.types import all_finite, is_number
@@ -75,17 +81,13 @@ class GymnasiumVecEnv(VecEnv):
                 f"the environment's observations are {first.observation_space}; expected a Box "
                 "(wrap it, for instance with gymnasium.wrappers.FlattenObservation)"
             )
-        size = int(np.prod(first.observation_space.shape))
-        observations = Box(-np.inf, np.inf, (size,), np.float64)
-        if isinstance(first.action_space, Discrete):
-            actions = Box(-np.inf, np.inf, (1,), np.float64)
-        elif isinstance(first.action_space, Box):
-            flat = int(np.prod(first.action_space.shape))
-            actions = Box(-np.inf, np.inf, (flat,), np.float64)
-        else:
+        if not isinstance(first.action_space, Box | Discrete):
             raise ConfigError(
                 f"the environment's actions are {first.action_space}; expected a Box or Discrete"
             )
+        size = int(np.prod(first.observation_space.shape))
+        observations = Box(-np.inf, np.inf, (size,), np.float64)
+        actions = Box(-np.inf, np.inf, (int(np.prod(first.action_space.shape)),), np.float64)
         limits = [max_episode_steps, own_time_limit(first)]
         limit = min((steps for steps in limits if steps is not None), default=None)
         super().__init__(len(envs), observations, actions, limit or MAX_EPISODE_STEPS)
@@ -222,9 +224,8 @@ class GymnasiumVecEnv(VecEnv):
                 with contextlib.suppress(Exception):  # it is broken already
                     self._envs[env_index].close()
                 self._envs[env_index] = self._make()
-            raise EnvironmentFailure(
-                f"the environment's {method} raised {type(error).__name__}: {error}"
-            ) from error
+            told = f"the environment's {method} raised {as_text(error)}"
+            raise EnvironmentFailure(told) from error
 
     def _measure(self, env_index: int, info: Mapping[str, Any], method: str) -> None:
         """Take the numbers of `info` that are signals.

@@ -11,7 +11,13 @@ from gymnasium.spaces import Box, Discrete
 from gymnasium.vector import VectorEnv
 from gymnasium.wrappers import ClipAction, NormalizeObservation, NormalizeReward, TimeLimit
 
-from zoac.core.errors import ConfigError, EnvironmentContractError, EnvironmentFailure, ZoacError
+from zoac.core.errors import (
+    ConfigError,
+    EnvironmentContractError,
+    EnvironmentFailure,
+    ZoacError,
+    as_text,
+)
 from zoac.envs.plant_numbers import lost_number
 
 EnvSource = str | gymnasium.Env | Callable[[], gymnasium.Env]
@@ -34,7 +40,7 @@ def single_env(source: EnvSource) -> gymnasium.Env:
             raise
         except Exception as error:  # whatever a user's constructor raises
             raise ConfigError(
-                f"env={source!r}: making it raised {type(error).__name__}: {error}; expected the "
+                f"env={source!r}: making it raised {as_text(error)}; expected the "
                 "id of a Gymnasium environment, or a function without arguments that makes one"
             ) from error
     if isinstance(made, gymnasium.Env):
@@ -61,7 +67,7 @@ def copy_of(env: gymnasium.Env) -> gymnasium.Env:
     except Exception as error:  # whatever a user's environment raises when it is copied
         raise ConfigError(
             f"env={env}: every environment needs a copy, and copying raised "
-            f"{type(error).__name__}: {error}; {remedy}"
+            f"{as_text(error)}; {remedy}"
         ) from error
     if (name := lost_number(env, twin)) is not None:
         found, value = getattr(twin.unwrapped, name, None), getattr(env.unwrapped, name)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zoac.controllers.stateful_controller import StatefulController, state_of
-from zoac.core.errors import ControllerError, ZoacError, suggest
+from zoac.core.errors import ControllerError, ZoacError, as_text, suggest
 from zoac.core.state import OwnObject
 from zoac.core.types import all_finite
 
@@ -114,7 +114,7 @@ class Controllers:
             raise
         except Exception as error:
             raise ControllerError(
-                f"the controller raised {type(error).__name__}: {error}{self._nearest(error)}. "
+                f"the controller raised {as_text(error)}{self._nearest(error)}. "
                 f"{self._place(rows[0])}"
             ) from error
         # Copied: the next call may change an array that the controller keeps.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zoac.core.errors import EnvironmentFailure, UnsavableError, ZoacError
+from zoac.core.errors import EnvironmentFailure, UnsavableError, ZoacError, as_text
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
 from zoac.rollout.buffer import Recording
@@ -252,7 +252,7 @@ class RolloutEngine:
             if not self._told:
                 self._told = True
                 print(
-                    f"an environment cannot be copied any more ({type(error).__name__}: {error}): "
+                    f"an environment cannot be copied any more ({as_text(error)}): "
                     "it goes on from where it stands, and a held-out episode ends its own",
                     file=sys.stderr,
                 )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from zoac.controllers.stateful_controller import stateful_in
+from zoac.core.errors import as_text
 from zoac.core.segments import Proposal
 from zoac.core.state import decode, encode
 from zoac.envs.base import VecEnv
@@ -52,7 +53,7 @@ def restore_fault(make_env: Callable[[int], VecEnv], pickled: bool = False) -> s
             expected = _onwards(env, actions)
             other.restore([0], state)
         except Exception as error:  # whatever a user's environment raises when it is copied
-            return f"copying it raised {type(error).__name__}: {error}"
+            return f"copying it raised {as_text(error)}"
         found = _onwards(other, actions)
     if (step := first_difference(expected, found)) is None:
         return None
@@ -145,7 +146,7 @@ def controller_fault(task: Task, pickled: bool = False) -> str | None:
                 for o in observations[first:end]
             ]
         except Exception as error:  # whatever a user's controller raises
-            return [f"{type(error).__name__}: {error}"]
+            return [as_text(error)]
 
     shown(memory, 0, STEPS // 2)
     try:
@@ -158,7 +159,7 @@ def controller_fault(task: Task, pickled: bool = False) -> str | None:
             one.restore(state)
     except Exception as error:  # whatever a user's controller raises when it is copied
         return (
-            f"saving the controller raised {type(error).__name__}: {error}; get_state() and "
+            f"saving the controller raised {as_text(error)}; get_state() and "
             "set_state(state) tell what of it lasts"
         )
     if shown(other, STEPS // 2, STEPS) == expected:
@@ -207,7 +208,7 @@ def played(env: VecEnv, actions: np.ndarray, seed: int | None = None) -> list[by
             observations, _, terminated, truncated, infos = env.step(action[None])
             rows.append(_row(infos, observations[0], infos["cost"], terminated | truncated))
     except Exception as error:  # whatever a user's environment raises
-        rows.append(f"{type(error).__name__}: {error}")
+        rows.append(as_text(error))
     return rows
 
 

@@ -26,7 +26,7 @@ from zoac.config.compose import (
     variant_of,
 )
 from zoac.config.schema import refuse_flags, with_whole_steps
-from zoac.core.errors import ConfigError, ZoacError
+from zoac.core.errors import ConfigError, ZoacError, as_text
 from zoac.run import sweep_report
 from zoac.run.help import usage
 from zoac.run.pipes import leave, reader_may_leave
@@ -204,7 +204,7 @@ def main() -> None:
         if not sweeping:
             raise
         # Jobs do not raise: it is the launcher, whose job has died.
-        gave_up = f"\nthe launcher gave up: {type(error).__name__}: {error}"
+        gave_up = f"\nthe launcher gave up: {as_text(error)}"
     if (sweep := lifeline.sweep()) is not None:
         told, all_done = sweep_report.report(sweep)
         if gave_up or not all_done:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from zoac.core.errors import ZoacError
+from zoac.core.errors import ZoacError, as_text
 from zoac.run import sweep_table
 from zoac.runs.schema import write_json
 from zoac.runs.training.lifeline import GRACE
@@ -89,7 +89,7 @@ def noted(
     except Exception as error:
         print(f"error in {named}:", file=sys.stderr)
         traceback.print_exc()
-        reason = f"{type(error).__name__}: {error}"
+        reason = as_text(error)
         trace = traceback.format_exc()
         write_json(path, {**note, "state": FAILED, "reason": reason, "traceback": trace})
     except BaseException:  # a signal

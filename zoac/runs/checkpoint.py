@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from zoac.core.errors import RunFolderError, ZoacError
+from zoac.core.errors import RunFolderError, ZoacError, as_text
 from zoac.core.state import Encoded, decode, encode
 from zoac.runs.schema import sync_folder, write_atomically
 
@@ -82,7 +82,7 @@ def fitting(what: str) -> Iterator[None]:
     except ZoacError:
         raise
     except Exception as error:
-        raise unfit(what, f"{type(error).__name__}: {error}") from error
+        raise unfit(what, as_text(error)) from error
 
 
 def check_keys(what: str, found: Any, expected: Any) -> None:

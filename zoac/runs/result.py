@@ -14,7 +14,7 @@ import cloudpickle
 
 from zoac.config import factory
 from zoac.config.validate import TARGET
-from zoac.core.errors import RunFolderError
+from zoac.core.errors import RunFolderError, as_text
 from zoac.core.state import pickled
 from zoac.rollout.task import Task
 from zoac.runs import responses, schema
@@ -251,7 +251,7 @@ def task_of_run(
     try:
         return factory.build_task(config) if by_config else cloudpickle.loads(kept.read_bytes())
     except Exception as error:  # whatever the modules that it needs raise
-        raise _not_built(folder, f"{type(error).__name__}: {error}") from error
+        raise _not_built(folder, as_text(error)) from error
 
 
 def _not_built(folder: Path, reason: str) -> RunFolderError:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from zoac.core.errors import ConfigError, ZoacError
+from zoac.core.errors import ConfigError, ZoacError, as_text
 from zoac.core.types import is_number
 from zoac.specs.signals import Episode
 
@@ -225,7 +225,7 @@ class Spec:
             ) from error
         except Exception as error:  # whatever a user's function raises
             raise ConfigError(
-                f"{self}: loop({dict(parameters)}) raised {type(error).__name__}: {error}"
+                f"{self}: loop({dict(parameters)}) raised {as_text(error)}"
             ) from error
 
     def _number(self, value: float) -> float:

@@ -19,6 +19,7 @@ from zoac.core.errors import (
     StudyError,
     StudyFinished,
     TrialsPending,
+    as_text,
     suggest,
 )
 from zoac.runs.lock import HeldError, locked
@@ -153,7 +154,7 @@ def _result(study: Study, cost: Cost, trial: Trial) -> dict[str, Any]:
     except (ProgramError, ConfigError) as error:
         return {"failed": str(error)}
     except Exception as error:  # whatever a user's function raises
-        return {"failed": f"{type(error).__name__}: {error}"}
+        return {"failed": as_text(error)}
     return {"cost": answer}
 
 

@@ -112,7 +112,7 @@ def test_where_one_worker_cannot_start_none_is_left(processes, tmp_path, monkeyp
     monkeypatch.setenv("MARK", str(tmp_path))
     with pytest.raises(ConnectionError, match="second bench"):
         processes.start(support.SmallGroupTask(), 3, seed=0)
-    assert support.marked(str(tmp_path)) == []
+    assert support.end_within(5.0, str(tmp_path))
 
 
 PARENT = """

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from zoac.core.errors import ConfigError
+from zoac.core.errors import ConfigError, as_text
 from zoac.core.types import is_number
 
 Function = Callable[[Any, Any, Any], Any]
@@ -140,7 +140,7 @@ class Dynamics:
             return  # a point that the model may refuse, since nobody asked for it
         except Exception as error:  # whatever a user's function raises
             raise ConfigError(
-                f"model: {name}(x, u, p) raised {type(error).__name__}: {error}; x, u and p are "
+                f"model: {name}(x, u, p) raised {as_text(error)}; x, u and p are "
                 f"tuples with the names {', '.join((*self.states, *self.inputs))}"
                 f"{''.join(f', {name}' for name in self.parameters)}"
             ) from error

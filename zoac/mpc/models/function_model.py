@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from zoac.core.errors import ConfigError, suggest
+from zoac.core.errors import ConfigError, as_text, suggest
 from zoac.mpc.models.dynamics import Dynamics, Function
 from zoac.mpc.problem import Sparsity
 
@@ -132,7 +132,7 @@ class FunctionModel(Dynamics):
         except ArithmeticError:
             return None  # a point that the model may refuse, since nobody asked for it
         except Exception as error:  # whatever a user's function raises
-            return f"{type(error).__name__}: {error}"
+            return as_text(error)
         return None
 
     def _along(

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from zoac.core.errors import UnsavableError, WorkerError
+from zoac.core.errors import UnsavableError, WorkerError, as_text
 from zoac.core.segments import Proposal, Segment
 from zoac.core.types import Count
 from zoac.rollout.executors.base import Executor, Serial, nothing
@@ -161,7 +161,7 @@ class Auto(Executor):
         except Exception as error:
             if begun and not here:  # the rollout itself failed
                 raise
-            fault = f"{type(error).__name__}: {error}"
+            fault = as_text(error)
         else:
             same = all(map(_same, here, there))
             fault = "" if same else "workers give other numbers; something outside steers the task"

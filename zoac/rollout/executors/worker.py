@@ -16,7 +16,7 @@ from typing import IO, Any
 
 import cloudpickle
 
-from zoac.core.errors import WorkerError, ZoacError
+from zoac.core.errors import WorkerError, ZoacError, as_text
 from zoac.core.state import pickled
 from zoac.rollout.executors.host import Method, RolloutHost
 from zoac.rollout.executors.step_watch import Call, StepClock
@@ -135,7 +135,7 @@ def _portable(error: Exception) -> Exception:
     try:
         cloudpickle.loads(pickled(error))
     except Exception:
-        said = RuntimeError(f"{type(error).__name__}: {error}")
+        said = RuntimeError(as_text(error))
         for note in getattr(error, "__notes__", ()):
             said.add_note(note)
         return said

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from zoac.core.errors import CallbackError, ConfigError
+from zoac.core.errors import CallbackError, ConfigError, as_text
 
 
 class Callback:
@@ -85,7 +85,7 @@ class Callbacks:
                 told = getattr(callback, method)(deepcopy(dict(content)))
             except Exception as error:
                 raise CallbackError(
-                    f"the callback {name} raised in {method}: {type(error).__name__}: {error}"
+                    f"the callback {name} raised in {method}: {as_text(error)}"
                 ) from error
             stops = isinstance(told, bool | np.bool_) and not told
             if stops and self.stopped_by is None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from zoac.config.settings import Settings
-from zoac.core.errors import ZoacError
+from zoac.core.errors import ZoacError, as_text
 from zoac.core.seeding import stream_seed
 from zoac.core.state import encode
 from zoac.rollout.executors.base import Executor
@@ -99,7 +99,7 @@ class Environments:
             encode(state)
         except Exception as error:  # whatever a user's environment or controller raises
             self._unsaved = True
-            reason = error if isinstance(error, ZoacError) else f"{type(error).__name__}: {error}"
+            reason = error if isinstance(error, ZoacError) else as_text(error)
             more = ""
             if self._task.restore_fault is not None:
                 more = (
