@@ -130,7 +130,7 @@ def test_the_page_has_the_scores_of_the_suite():
 def test_the_page_has_the_scores_of_tuners_with_an_extra():
     page = (ROOT / "docs" / "baselines.md").read_text()
     scored = with_scores(suite.read(RESULTS / "suite" / "extras.csv"))
-    for tuner in ("botorch", "smac", "optuna", "zoac_plus", "bo", "random"):
+    for tuner in ("botorch", "hebo", "smac", "optuna", "zoac_plus", "cmaes_plus", "bo", "random"):
         own = scored[scored.tuner == tuner]
         found = mean_score(own)
         score = f"{found.estimate:.2f} [{found.low:.2f}, {found.high:.2f}]"
