@@ -94,6 +94,23 @@ def test_an_earlier_evaluation_is_not_better_by_chance_or_by_breaking_constraint
     assert warnings(result_of(NOISE, violations=0), [evaluation(NOISE - 5, violations=1)]) == []
 
 
+def test_of_two_that_break_requirements_as_often_the_cheaper_is_not_called_better():
+    assert warnings(result_of(NOISE, violations=20), [evaluation(NOISE - 5, violations=20)]) == []
+    assert warnings(result_of(NOISE, violations=20), [evaluation(NOISE - 5, violations=0)]) != []
+
+
+def test_one_episode_of_several_different_ones_shows_nothing():
+    assert warnings(result_of(NOISE), [evaluation(NOISE[:1] - 5)]) == []
+    assert warnings(result_of([10.0] * 20), [evaluation([5.0])]) != []
+
+
+@pytest.mark.parametrize(("episodes", "violations", "told"), [(2, 3, True), (10, 3, False),
+                                                             (2, 0, False)])  # fmt: skip
+def test_few_held_out_episodes_are_told_where_the_answer_breaks_specs(episodes, violations, told):
+    result = result_of(NOISE, violations=violations, held_specs={"episodes": episodes})
+    assert any("Only 2 held-out" in sentence for sentence in warnings(result, [])) == told
+
+
 def tune(tuner, seed, budget, **options):
     return zoac.tune(
         env=Plant, controller=PI(), space=SPACE, max_episode_steps=STEPS, tuner=tuner, seed=seed,

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from zoac.algorithm.strategies.held_specs import MIN_EPISODES
 from zoac.algorithm.strategies.paired_comparison import MIN_PAIRS, clearly_higher
 from zoac.core.parameters import Parameter
 from zoac.core.types import bad_is_infinite
@@ -35,6 +36,7 @@ def warnings(
         *_of_constraints(result),
         *(unmet := _of_specs(result)),
         *(_of_ranges(result["parameters"], parameters) if unmet else []),
+        *_of_held_specs(result),
         *_of_evaluations(result, evaluations),
         *_of_the_acceptance_test(result),
     ]
@@ -95,6 +97,15 @@ def _of_specs(result: Mapping[str, Any]) -> list[str]:
     ]
 
 
+def _of_held_specs(result: Mapping[str, Any]) -> Iterator[str]:
+    held = result.get("held_specs")
+    if held is not None and held["episodes"] < MIN_EPISODES and result.get("violations", 0):
+        yield (
+            f"Only {held['episodes']} held-out episode(s) chose among answers by the hard specs, "
+            "where luck decides: give more experiments."
+        )
+
+
 def _of_ranges(values: Mapping[str, Any], parameters: Sequence[Parameter]) -> list[str]:
     """Say, where a spec is not met, which values the search may have been too coarse for."""
     return [
@@ -109,26 +120,34 @@ def _of_ranges(values: Mapping[str, Any], parameters: Sequence[Parameter]) -> li
 def _of_evaluations(
     result: Mapping[str, Any], evaluations: Sequence[Mapping[str, Any]]
 ) -> Iterator[str]:
-    """Compare with the best evaluation on the episodes that both have, the first ones."""
+    """Compare with the best evaluation on the episodes that both have, the first ones.
+
+    One that broke requirements as often has no cost to compare: it may have broken them by more.
+    """
     end = np.array(result["cost_per_episode"])
-    broken = result.get("violations", 0) / len(end)
     rows = [
         row
         for row in evaluations
-        if row["x"] != result["x"]
-        and row.get("violations", 0) / len(row["cost_per_episode"]) <= broken
+        if row["x"] != result["x"] and (_broken(row) < _broken(result) or not _broken(row))
     ]
     if not rows:
         return
     best = min(rows, key=lambda row: (row.get("violations", 0), bad_is_infinite(row["cost_mean"])))
     shared = min(len(end), len(best["cost_per_episode"]))
     costs = np.array(best["cost_per_episode"][:shared])
+    if shared == 1 and (end != end[0]).any():  # one episode of several kinds
+        return
     if clearly_higher(end[:shared], costs, comparisons=len(rows), noteworthy=CLEAR):
         yield (
             f"An earlier evaluation, after {best['env_steps']:,} steps, was clearly better: cost "
             f"{costs.mean():.4g} instead of {end[:shared].mean():.4g} on the same {shared} "
             "episodes; select=best_evaluated chooses among them."
         )
+
+
+def _broken(row: Mapping[str, Any]) -> float:
+    """Return in which part of the episodes requirements were broken."""
+    return float(row.get("violations", 0) / len(row["cost_per_episode"]))
 
 
 def _of_the_acceptance_test(result: Mapping[str, Any]) -> Iterator[str]:
