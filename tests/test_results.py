@@ -103,7 +103,12 @@ def test_what_was_found_shows_the_rows_of_table_2():
 
 @pytest.mark.parametrize(
     ("name", "folder"),
-    [("suite", "suite"), ("held_out", "suite_held_out"), ("extras", "suite_extras")],
+    [
+        ("suite", "suite"),
+        ("held_out", "suite_held_out"),
+        ("extras", "suite_extras"),
+        ("without_restore", "suite_without_restore"),
+    ],
 )
 def test_the_tables_of_the_suite_rebuild(tmp_path, name, folder):
     runs = RESULTS / "suite" / f"{name}.csv"
@@ -125,6 +130,16 @@ def test_the_page_has_the_scores_of_the_suite():
         (row,) = (line for line in page.splitlines() if line.startswith(f"| `{tuner}` | "))
         interval = f"[{found.low:.2f}, {found.high:.2f}]"
         assert any(f"{value} {interval}" in row for value in bold), (count, tuner)
+
+
+def test_the_page_has_the_scores_where_nothing_can_be_restored():
+    page = (ROOT / "docs" / "which_tuner.md").read_text()
+    scored = with_scores(suite.read(RESULTS / "suite" / "without_restore.csv"))
+    for count, own in scored.groupby("experiments"):
+        tuners = ("optuna", "bo", "cmaes_plus", "cmaes_full", "zoac_plus", "random")
+        found = [mean_score(own[own.tuner == tuner]) for tuner in tuners]
+        cells = [f"{score.estimate:.2f} [{score.low:.2f}, {score.high:.2f}]" for score in found]
+        assert f"| {count} | {' | '.join(cells)} |" in page
 
 
 def test_the_page_has_the_scores_of_tuners_with_an_extra():
