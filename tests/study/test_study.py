@@ -172,6 +172,25 @@ def test_a_result_that_cannot_be_used_leaves_the_trial_pending(given, says):
     assert made.pending == [trial]
 
 
+@pytest.mark.parametrize("trial", [2.7, True, None, "1", float("nan"), float("inf")])
+def test_a_result_of_what_is_no_trial_is_refused(trial):
+    made = study()
+    pending = [made.ask(), made.ask()]
+    for end in (lambda: made.tell(trial, 1.0), lambda: made.abandon(trial)):
+        with pytest.raises(StudyError, match=f"no trial '?{trial}'?; expected a trial or its numb"):
+            end()
+    assert made.pending == pending
+
+
+def test_a_reason_is_text():
+    made = study()
+    trial = made.ask()
+    for end in (lambda: made.tell(trial, failed=False), lambda: made.abandon(trial, None)):
+        with pytest.raises(ConfigError, match="the reason of a failure is .*, expected text"):
+            end()
+    assert made.pending == [trial]
+
+
 def test_less_violation_goes_before_less_cost():
     made = study(tuner="random", constraints={"overshoot": 0.05})
     for overshoot, value in ((0.1, 1.0), (0.05, 3.0), (0.2, 0.5), (0.01, 2.0)):

@@ -22,7 +22,7 @@ from zoac.study.proposals import Proposals
 from zoac.study.state import folder as files
 from zoac.study.state.ledger import Ledger
 from zoac.study.state.settings import new_settings
-from zoac.study.state.trial import Trial, measured
+from zoac.study.state.trial import Trial, measured, number_of, reason_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -189,7 +189,7 @@ class Study:
         if (cost is None and trace is None) == (failed is None):
             raise ConfigError("tell needs a cost, a trace or the reason of a failure, one of them")
         if failed is not None:
-            return self._end(trial, "failed", {"reason": str(failed)})
+            return self._end(trial, "failed", reason_of(failed))
         limits, specs = self.settings.limits, self.settings.specs
         result = measured(cost, limits, metrics, constraints, trace=trace, specs=specs)
         return self._end(trial, "told", result)
@@ -198,12 +198,13 @@ class Study:
         """Give up an experiment that will never have a result; it counts as failed.
 
         Raises:
+            ConfigError: If the reason is no text.
             StudyError: If there is no such trial, or it has a result.
         """
-        return self._end(trial, "abandoned", {"reason": reason})
+        return self._end(trial, "abandoned", reason_of(reason))
 
     def _end(self, trial: Trial | int, kind: str, result: Mapping[str, Any]) -> Trial:
-        number = trial.number if isinstance(trial, Trial) else int(trial)
+        number = number_of(trial)
         with self._ledger.writing():
             if not self._ledger.has(number, {"kind": kind, **result}):
                 self._ledger.write(kind, number, result)
@@ -224,7 +225,7 @@ class Study:
 
     def trial(self, number: int) -> Trial:
         """Return a trial as it is now; a `StudyError` if there is none of this number."""
-        return self._ledger.refreshed().trial(number)
+        return self._ledger.refreshed().trial(number_of(number))
 
     @property
     def trials(self) -> list[Trial]:
