@@ -1,6 +1,7 @@
 """A study asks and is told; what it asks depends on results alone."""
 
 import json
+import math
 import os
 import random
 import threading
@@ -45,8 +46,8 @@ QUICK["bo"] = {"initial_design": 20}
 
 
 def study(folder=None, **options):
-    given = {"tuner": "cmaes", "experiments": 30, "workers": 4, **options}
-    return Study(SPACE, folder, **{"tuner_options": QUICK.get(given["tuner"]), **given})
+    given = {"space": SPACE, "tuner": "cmaes", "experiments": 30, "workers": 4, **options}
+    return Study(folder=folder, **{"tuner_options": QUICK.get(given["tuner"]), **given})
 
 
 def answer(made, trial):
@@ -275,6 +276,41 @@ def test_a_study_is_its_folder(tmp_path):
         Study()
 
 
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"experiments": 31}, "experiments: 30, now 31"),
+        ({"seed": 5}, "seed: 0, now 5"),
+        ({"tuner": "bo"}, "tuner: 'cmaes', now 'bo'"),
+        ({"tuner_options": {"sigma": 0.1}}, "tuner_options: {'sigma': .*}, now {'sigma': 0.1}"),
+        ({"workers": 3}, "workers: 4, now 3"),
+        ({"baseline": {"kp": 9.0}}, "baseline: {'kp': 10.0}, now {'kp': 9.0}"),
+        ({"baseline_first": False}, "baseline_first: True, now False"),
+        ({"constraints": {"power": 2.0}}, "constraints: {'power': 1.0}, now {'power': 2.0}"),
+        ({"specs": [zoac.specs.iae("y", "r")]}, r"specs: \[\], now \[{'name': 'iae'"),
+        ({"acceptance_test": 0.2}, "acceptance_test: None, now 0.2"),
+        ({"acceptance_test": math.nan}, "acceptance_test: None, now nan"),
+        ({"initial_sigma": 0.1}, "initial_sigma: None, now 0.1"),
+        ({"initial_samples": 5}, "initial_samples: None, now 5"),
+    ],
+)
+def test_a_study_is_opened_without_its_space_by_its_own_settings_only(given, says, tmp_path):
+    study(tmp_path, constraints={"power": 1.0})
+    with pytest.raises(RunFolderError, match=f"holds a study of other settings:\n  {says}"):
+        Study(folder=tmp_path, **given)
+
+
+def test_a_study_is_opened_by_settings_that_are_its_own(tmp_path):
+    given = {
+        "tuner": "cmaes", "tuner_options": {"population": 8}, "experiments": 40, "seed": 3,
+        "workers": 4, "baseline": {"kp": 9.0}, "baseline_first": False,
+        "constraints": {"power": 1}, "specs": [zoac.specs.iae("y", "r", window=(0, 2))],
+        "acceptance_test": 0.2, "initial_sigma": 0.1,
+    }  # fmt: skip
+    made = study(tmp_path, **given)
+    assert Study(folder=tmp_path, **given).settings.config == made.settings.config
+
+
 def test_the_journal_is_read_by_pandas_in_one_line(tmp_path):
     made = study(tmp_path, tuner="random")
     for trial in made:
@@ -385,6 +421,17 @@ def test_other_values_for_the_same_results_are_noticed(tmp_path):
         ({"variant": 5}, "variant=5: input should be a valid string"),
         ({"initial_samples": "x"}, "initial_samples='x': input should be a valid integer"),
         ({"initial_sigma": 2.0}, "initial_sigma"),
+        ({"acceptance_test": math.nan}, "acceptance_test: NaN is not a value"),
+        ({"initial_sigma": math.inf}, "initial_sigma: inf is not a value"),
+        ({"initial_samples": math.nan}, "initial_samples: NaN is not a value"),
+        ({"trial_timeout": math.inf}, "trial_timeout=inf: expected seconds, above zero"),
+        (
+            {"tuner_options": {"sigma": math.nan}},
+            r"tuner_options\['sigma'\]=nan: expected a finite",
+        ),
+        ({"space": {**SPACE, "ts": math.nan}}, r"space\['ts'\]=nan: expected a finite number"),
+        ({"baseline_first": "x"}, "baseline_first='x': input should be a valid boolean"),
+        ({"baseline_first": None, "space": {"kp": (0, 1)}}, "baseline_first=None"),
     ],
 )
 def test_settings_that_cannot_be_used_begin_nothing(options, says, tmp_path):

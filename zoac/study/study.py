@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +22,7 @@ from zoac.study.loop import experiments_left
 from zoac.study.proposals import Proposals
 from zoac.study.state import folder as files
 from zoac.study.state.ledger import Ledger
-from zoac.study.state.settings import new_settings
+from zoac.study.state.settings import differing, new_settings
 from zoac.study.state.trial import Trial, measured, number_of, reason_of
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ class Study:
         """
         Args:
             space: Bounds by name, as `zoac.tune` takes them; None: open the study in `folder`,
-                whatever its other settings are.
+                whose other settings need not be repeated.
             folder: Its folder, in which a study of the same settings continues; None: temporary.
             tuner: "bo", "botorch", "cmaes", "cmaes_full", "es", "halving", "nevergrad", "optuna",
                 "random", "smac"; "auto": "bo" for one worker and few experiments, else CMA-ES.
@@ -96,24 +97,27 @@ class Study:
         """
         check_arguments(
             Study,
-            {"tuner": tuner, "tuner_options": tuner_options, "folder": folder, "name": name,
-             "variant": variant},
+            {"tuner": tuner, "tuner_options": tuner_options, "baseline_first": baseline_first,
+             "folder": folder, "name": name, "variant": variant},
             "",
         )  # fmt: skip
         if space is None and folder is None:
             raise ConfigError("a study needs a space, or the folder of one that was begun")
-        path = Path(folder or tempfile.mkdtemp(prefix="zoac-study-")).expanduser()
-        settings = None
-        if space is not None:
-            settings = new_settings(
-                space, tuner, tuner_options, experiments=experiments, workers=workers, seed=seed,
-                baseline=baseline, baseline_first=baseline_first, constraints=constraints,
-                specs=specs, acceptance_test=acceptance_test, initial_sigma=initial_sigma,
-                initial_samples=initial_samples,
-            )  # fmt: skip
-        self.folder = path
+        self.folder = path = Path(folder or tempfile.mkdtemp(prefix="zoac-study-")).expanduser()
+        given: dict[str, Any] = {
+            "tuner": tuner, "tuner_options": tuner_options, "experiments": experiments,
+            "workers": workers, "seed": seed, "baseline": baseline,
+            "baseline_first": baseline_first, "constraints": constraints, "specs": specs,
+            "acceptance_test": acceptance_test, "initial_sigma": initial_sigma,
+            "initial_samples": initial_samples,
+        }  # fmt: skip
+        settings = None if space is None else new_settings(space, **given)
         called = {"task": name or path.resolve().name, "variant": variant}
         self.settings, self.trial_timeout = files.opened(path, settings, trial_timeout, called)
+        if space is None:
+            usual = inspect.signature(Study).parameters
+            chosen = {k: v for k, v in given.items() if v is not usual[k].default}
+            files.refuse_others(path, differing(self.settings, chosen))
         self._ledger = Ledger(path, self.settings.limits)
         if self.finished and not is_done(path):  # killed before the result was written
             with self._ledger.writing():
@@ -142,7 +146,7 @@ class Study:
 
     def _ask(self, by: str) -> Trial:
         with self._ledger.writing():
-            self._abandon_overdue()
+            self._ledger.abandon_overdue(self.trial_timeout or np.inf)
             self._finish()
             number = self._ledger.next_number(self.settings.experiments)
             x = self._tuner.x(number, self._ledger.trial)
@@ -150,13 +154,6 @@ class Study:
             parameters = {**self.settings.space.named(x), **self.settings.fixed}
             self._ledger.write("asked", number, {"by": by, "parameters": parameters, "x": x})
             return self._ledger.trial(number)
-
-    def _abandon_overdue(self) -> None:
-        limit = self.trial_timeout or np.inf
-        for trial in self.pending:
-            if time.time() - trial.asked > limit:
-                reason = {"reason": f"no result within {limit:g} s"}
-                self._ledger.write("abandoned", trial.number, reason)
 
     def tell(
         self,
