@@ -152,9 +152,14 @@ def result(settings: StudySettings, trials: Sequence[Trial], best: Trial) -> dic
     }
     del found["kind"]
     if settings.baseline_first and trials:
-        found["baseline_cost_mean"] = trials[0].cost
-        if trials[0].cost is not None:
-            found["baseline"] = {"cost_mean": trials[0].cost, **trials[0].metrics}
+        # If the first failed, the acceptance test may have measured the baseline values later.
+        first, *later = (t for t in trials if t.x == trials[0].x)
+        good = [t for t in later if t.cost is not None] if first.cost is None else [first]
+        found["baseline_cost_mean"] = None
+        if good:
+            mean = float(np.mean([t.cost for t in good], dtype=np.float64))
+            found["baseline_cost_mean"] = mean
+            found["baseline"] = {"cost_mean": mean, **good[0].metrics}
     if best.violation > 0:
         found["warnings"] = ["no experiment kept all constraints; the answer breaks them least"]
     return found
