@@ -157,6 +157,8 @@ def test_a_result_counts_once_and_another_is_refused(tmp_path):
         ({"cost": 1.0, "failed": "no"}, "one of them"),
         ({"cost": float("nan")}, "the cost is nan, expected a finite number"),
         ({"cost": "1.0"}, "the cost is '1.0', expected a number"),
+        ({"cost": 10**400}, "the cost is 1000.*, expected a number"),
+        ({"cost": 1.0, "metrics": {"a": -(10**400)}}, "metrics: 'a' is -1000.*, expected a number"),
         ({"cost": {"costs": 1.0}}, "unknown key 'costs'; did you mean 'cost'"),
         ({"cost": {"metrics": {}}}, "no 'cost'; it has metrics"),
         ({"cost": 1.0, "metrics": {"a": None}}, "metrics: 'a' is None"),
@@ -250,6 +252,21 @@ def test_asking_waits_for_results_of_others():
     first = made.ask()
     threading.Timer(0.1, made.tell, (first, 1.0)).start()
     assert made.ask(wait=5.0).number == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"wait": "3"}, "wait='3': expected seconds, 0 or more"),
+        ({"wait": math.nan}, "wait=nan: expected seconds"),
+        ({"by": 3}, "by=3: input should be a valid string"),
+    ],
+)
+def test_who_cannot_wait_so_asks_for_nothing(given, says):
+    made = study()
+    with pytest.raises(ConfigError, match=says):
+        made.ask(**given)
+    assert not made.trials
 
 
 def test_a_loop_that_forgets_to_tell_is_told_so():
@@ -411,6 +428,7 @@ def test_other_values_for_the_same_results_are_noticed(tmp_path):
         ({"tuner_options": {"populatoin": 3}}, "did you mean 'population'"),
         ({"tuner_options": {"population": "x"}}, "population"),
         ({"constraints": ["overshoot"]}, "expected limits by name"),
+        ({"constraints": {"overshoot": 10**400}}, "expected a finite number"),
         ({"constraints": {"overshoot": None}}, "limit=None, expected a finite number"),
         ({"acceptance_test": 2.0}, "acceptance_test"),
         ({"baseline": {"kp": 30.0}}, "lies outside"),
@@ -486,4 +504,6 @@ def test_the_answer_is_exported(tmp_path):
     with pytest.raises(StudyError, match="no experiment has succeeded yet"):
         made.export(tmp_path / "gains.h")
     made.tell(made.ask(), 1.0)
+    with pytest.raises(ConfigError, match=r"export to None: expected a file, such as 'gains.yaml'"):
+        made.export(None)
     assert "kp = 10.0; /* N/m */" in made.export(tmp_path / "gains.h").read_text()

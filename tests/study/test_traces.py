@@ -90,6 +90,8 @@ def test_tuning_by_traces_keeps_the_overshoot():
         (response(0.5).assign(time=pd.NaT), {}, "'time' holds what is not finite"),
         (response(0.5).assign(y="a"), {}, "'y' holds what is no number"),
         (response(0.5).assign(y=np.nan), {}, "'y' holds what is not finite"),
+        ("rec.csv", {}, "expected a DataFrame, got a str; read a file with pandas.read_csv"),
+        ({"time": [0, 1], "y": [0, 1]}, {}, "got a dict; .* of columns with pandas.DataFrame"),
         (response(0.5), {"cost": 1.0}, "give none beside the trace"),
         (response(0.5), {"failed": "no"}, "one of them"),
     ],

@@ -33,6 +33,11 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
         ConfigError: If one is missing or there twice, if it holds what is no finite number, or if
             the time does not increase.
     """
+    if not hasattr(trace, "columns"):
+        raise ConfigError(
+            f"trace: expected a DataFrame, got a {type(trace).__name__}; read a file with "
+            "pandas.read_csv, make one of columns with pandas.DataFrame"
+        )
     values = {}
     for name in (TIME, *signals):
         if name not in trace.columns:

@@ -15,6 +15,7 @@ import numpy as np
 from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, TrialsPending
 from zoac.core.parameters import ParameterSpace
+from zoac.core.types import is_number
 from zoac.runs.export import export
 from zoac.runs.schema import is_done
 from zoac.specs.spec import Spec
@@ -131,10 +132,14 @@ class Study:
             wait: Seconds to wait for results of other trials if this one depends on them.
 
         Raises:
+            ConfigError: If an argument cannot be used.
             StudyFinished: If all experiments have been asked for.
             TrialsPending: If the next experiment depends on trials without a result.
             NothingWorksError: If each of the first ten experiments failed.
         """
+        check_arguments(self.ask, {"by": by}, "")
+        if not (is_number(wait) and wait >= 0):
+            raise ConfigError(f"wait={wait!r}: expected seconds, 0 or more")
         until = time.monotonic() + wait
         while True:
             try:
