@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -134,10 +135,11 @@ def differing(settings: StudySettings, given: Mapping[str, Any]) -> dict[str, tu
     return differences
 
 
-def seconds(name: str, value: Any) -> None:
-    """Refuse what is neither None nor a finite number of seconds above zero."""
-    if value is not None and not (is_number(value) and 0 < value < math.inf):
-        raise ConfigError(f"{name}={value!r}: expected seconds, above zero, or None")
+def seconds(name: str, value: Any, most: float = sys.float_info.max) -> None:
+    """Refuse what is neither None nor a number of seconds above zero, `most` at the most."""
+    if value is not None and not (is_number(value) and 0 < value <= most):
+        limit = f" and at most {most:g}" if most < sys.float_info.max else ""
+        raise ConfigError(f"{name}={value!r}: expected seconds, above zero{limit}, or None")
 
 
 def _tuner(name: str, dimension: int, experiments: int, workers: int) -> str:
