@@ -14,7 +14,7 @@ import pytest
 
 import zoac
 from zoac.core.errors import ConfigError
-from zoac.study.program import LONGEST, ProgramError
+from zoac.study.program import MAX_TIMEOUT, ProgramError
 
 GOOD = """
 import json, sys
@@ -135,7 +135,7 @@ def test_options_that_cannot_be_used_are_refused(options):
 
 
 def test_the_longest_time_limit_can_be_waited_for():
-    assert python(GOOD, timeout=LONGEST)({"kp": 1.0})["cost"] is not None
+    assert python(GOOD, timeout=MAX_TIMEOUT)({"kp": 1.0})["cost"] is not None
 
 
 def test_a_count_of_retries_may_be_of_numpy():

@@ -24,7 +24,7 @@ from zoac.study.state.settings import seconds
 FILE = "{file}"
 """Stands for the path of a file with the parameters, in the program's arguments."""
 
-LONGEST = 2_000_000
+MAX_TIMEOUT = 2_000_000
 """Seconds, 23 days: the operating system waits for no more than 2^31 ms."""
 
 LAST_LINES = 5
@@ -200,7 +200,7 @@ def program(
         raise ConfigError(
             f"program: {command!r} is no command; expected one such as ['./simulate', '--quick']"
         )
-    seconds("timeout", timeout, LONGEST)
+    seconds("timeout", timeout, MAX_TIMEOUT)
     if not is_number(retries) or retries % 1 or retries < 0:
         raise ConfigError(f"program: retries={retries!r}, expected a whole number, 0 or more")
     if not isinstance(cwd, str | Path | None):

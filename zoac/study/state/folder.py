@@ -157,7 +157,7 @@ def result(settings: StudySettings, trials: Sequence[Trial], best: Trial) -> dic
         good = [t for t in later if t.cost is not None] if first.cost is None else [first]
         found["baseline_cost_mean"] = None
         if good:
-            mean = float(np.mean([t.cost for t in good], dtype=np.float64))
+            mean = float(np.array([t.cost for t in good], dtype=np.float64).mean())
             found["baseline_cost_mean"] = mean
             found["baseline"] = {"cost_mean": mean, **good[0].metrics}
     if best.violation > 0:
