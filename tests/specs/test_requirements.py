@@ -76,13 +76,15 @@ def test_figures_of_a_loop_need_no_episode():
         ({"over": "best"}, "over='best'; expected 'worst', 'mean' or cvar"),
         ({"weight": 0.0}, "weight=0.0"),
         ({"window": (2.0, 1.0)}, r"window=\(2.0, 1.0\), expected \(from, to\) in seconds"),
+        ({"window": 3}, r"peak: window=3, expected \(from, to\) in seconds"),
+        ({"y": 0.5}, r"peak\(0.5\): expected the name of a signal; .* such as max=0.5"),
         ({"over": "worst"}, "over='worst' without a limit"),
         ({"max": "5%"}, "max='5%', expected a finite number"),
     ],
 )
 def test_what_cannot_be_required_is_refused(arguments, said):
     with pytest.raises(ConfigError, match=said):
-        specs.peak("y", **arguments)
+        specs.peak(**arguments)
 
 
 def test_a_loop_needs_a_limit_and_has_no_window():

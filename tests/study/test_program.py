@@ -1,6 +1,7 @@
 """An external program as a cost: crashes, hangs and garbage are failures with a reason."""
 
 import json
+import math
 import os
 import re
 import signal
@@ -8,11 +9,12 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 import zoac
 from zoac.core.errors import ConfigError
-from zoac.study.program import ProgramError
+from zoac.study.program import MAX_TIMEOUT, ProgramError
 
 GOOD = """
 import json, sys
@@ -110,7 +112,9 @@ print('{{"cost": 1}}')
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (([],), "expected a command"),
+        (([],), "expected one such as"),
+        ((3,), r"program: 3 is no command; expected one such as \['./simulate', '--quick'\]"),
+        (("./simulate 'a",), "is no command; expected one such as"),
         ((["./simulate"],), "'./simulate' is not found or may not be executed"),
         (("no-such-program --quick",), "'no-such-program' is not found"),
     ],
@@ -121,11 +125,21 @@ def test_a_program_that_is_not_there_is_refused_at_once(arguments, says):
 
 
 @pytest.mark.parametrize(
-    "options", [{"timeout": 0}, {"retries": -1}, {"retries": 1.5}, {"cwd": "/no/such/folder"}]
-)
+    "options",
+    [{"timeout": 0}, {"timeout": math.inf}, {"timeout": 1e7}, {"retries": -1}, {"retries": 1.5},
+     {"cwd": "/no/such/folder"}, {"cwd": 3}],
+)  # fmt: skip
 def test_options_that_cannot_be_used_are_refused(options):
     with pytest.raises(ConfigError, match=next(iter(options)) + "|folder"):
         python(GOOD, **options)
+
+
+def test_the_longest_time_limit_can_be_waited_for():
+    assert python(GOOD, timeout=MAX_TIMEOUT)({"kp": 1.0})["cost"] is not None
+
+
+def test_a_count_of_retries_may_be_of_numpy():
+    assert python(GOOD, retries=np.int64(3)).retries == 3
 
 
 def test_a_program_runs_in_its_folder(tmp_path):

@@ -1,6 +1,7 @@
 """A study asks and is told; what it asks depends on results alone."""
 
 import json
+import math
 import os
 import random
 import threading
@@ -45,8 +46,8 @@ QUICK["bo"] = {"initial_design": 20}
 
 
 def study(folder=None, **options):
-    given = {"tuner": "cmaes", "experiments": 30, "workers": 4, **options}
-    return Study(SPACE, folder, **{"tuner_options": QUICK.get(given["tuner"]), **given})
+    given = {"space": SPACE, "tuner": "cmaes", "experiments": 30, "workers": 4, **options}
+    return Study(folder=folder, **{"tuner_options": QUICK.get(given["tuner"]), **given})
 
 
 def answer(made, trial):
@@ -156,6 +157,8 @@ def test_a_result_counts_once_and_another_is_refused(tmp_path):
         ({"cost": 1.0, "failed": "no"}, "one of them"),
         ({"cost": float("nan")}, "the cost is nan, expected a finite number"),
         ({"cost": "1.0"}, "the cost is '1.0', expected a number"),
+        ({"cost": 10**400}, "the cost is 1000.*, expected a number"),
+        ({"cost": 1.0, "metrics": {"a": -(10**400)}}, "metrics: 'a' is -1000.*, expected a number"),
         ({"cost": {"costs": 1.0}}, "unknown key 'costs'; did you mean 'cost'"),
         ({"cost": {"metrics": {}}}, "no 'cost'; it has metrics"),
         ({"cost": 1.0, "metrics": {"a": None}}, "metrics: 'a' is None"),
@@ -169,6 +172,25 @@ def test_a_result_that_cannot_be_used_leaves_the_trial_pending(given, says):
     trial = made.ask()
     with pytest.raises(ConfigError, match=says):
         made.tell(trial, **given)
+    assert made.pending == [trial]
+
+
+@pytest.mark.parametrize("trial", [2.7, True, None, "1", float("nan"), float("inf")])
+def test_a_result_of_what_is_no_trial_is_refused(trial):
+    made = study()
+    pending = [made.ask(), made.ask()]
+    for end in (lambda: made.tell(trial, 1.0), lambda: made.abandon(trial)):
+        with pytest.raises(StudyError, match=f"no trial '?{trial}'?; expected a trial or its numb"):
+            end()
+    assert made.pending == pending
+
+
+def test_a_reason_is_text():
+    made = study()
+    trial = made.ask()
+    for end in (lambda: made.tell(trial, failed=False), lambda: made.abandon(trial, None)):
+        with pytest.raises(ConfigError, match="the reason of a failure is .*, expected text"):
+            end()
     assert made.pending == [trial]
 
 
@@ -232,6 +254,21 @@ def test_asking_waits_for_results_of_others():
     assert made.ask(wait=5.0).number == 2
 
 
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"wait": "3"}, "wait='3': expected seconds, 0 or more"),
+        ({"wait": math.nan}, "wait=nan: expected seconds"),
+        ({"by": 3}, "by=3: input should be a valid string"),
+    ],
+)
+def test_who_cannot_wait_so_asks_for_nothing(given, says):
+    made = study()
+    with pytest.raises(ConfigError, match=says):
+        made.ask(**given)
+    assert not made.trials
+
+
 def test_a_loop_that_forgets_to_tell_is_told_so():
     made = study(workers=1)
     with pytest.raises(StudyError, match="trial 1 has no result; tell or abandon it first"):
@@ -254,6 +291,41 @@ def test_a_study_is_its_folder(tmp_path):
         Study(folder=tmp_path / "elsewhere")
     with pytest.raises(ConfigError, match="a study needs a space"):
         Study()
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"experiments": 31}, "experiments: 30, now 31"),
+        ({"seed": 5}, "seed: 0, now 5"),
+        ({"tuner": "bo"}, "tuner: 'cmaes', now 'bo'"),
+        ({"tuner_options": {"sigma": 0.1}}, "tuner_options: {'sigma': .*}, now {'sigma': 0.1}"),
+        ({"workers": 3}, "workers: 4, now 3"),
+        ({"baseline": {"kp": 9.0}}, "baseline: {'kp': 10.0}, now {'kp': 9.0}"),
+        ({"baseline_first": False}, "baseline_first: True, now False"),
+        ({"constraints": {"power": 2.0}}, "constraints: {'power': 1.0}, now {'power': 2.0}"),
+        ({"specs": [zoac.specs.iae("y", "r")]}, r"specs: \[\], now \[{'name': 'iae'"),
+        ({"acceptance_test": 0.2}, "acceptance_test: None, now 0.2"),
+        ({"acceptance_test": math.nan}, "acceptance_test: None, now nan"),
+        ({"initial_sigma": 0.1}, "initial_sigma: None, now 0.1"),
+        ({"initial_samples": 5}, "initial_samples: None, now 5"),
+    ],
+)
+def test_a_study_is_opened_without_its_space_by_its_own_settings_only(given, says, tmp_path):
+    study(tmp_path, constraints={"power": 1.0})
+    with pytest.raises(RunFolderError, match=f"holds a study of other settings:\n  {says}"):
+        Study(folder=tmp_path, **given)
+
+
+def test_a_study_is_opened_by_settings_that_are_its_own(tmp_path):
+    given = {
+        "tuner": "cmaes", "tuner_options": {"population": 8}, "experiments": 40, "seed": 3,
+        "workers": 4, "baseline": {"kp": 9.0}, "baseline_first": False,
+        "constraints": {"power": 1}, "specs": [zoac.specs.iae("y", "r", window=(0, 2))],
+        "acceptance_test": 0.2, "initial_sigma": 0.1,
+    }  # fmt: skip
+    made = study(tmp_path, **given)
+    assert Study(folder=tmp_path, **given).settings.config == made.settings.config
 
 
 def test_the_journal_is_read_by_pandas_in_one_line(tmp_path):
@@ -356,6 +428,7 @@ def test_other_values_for_the_same_results_are_noticed(tmp_path):
         ({"tuner_options": {"populatoin": 3}}, "did you mean 'population'"),
         ({"tuner_options": {"population": "x"}}, "population"),
         ({"constraints": ["overshoot"]}, "expected limits by name"),
+        ({"constraints": {"overshoot": 10**400}}, "expected a finite number"),
         ({"constraints": {"overshoot": None}}, "limit=None, expected a finite number"),
         ({"acceptance_test": 2.0}, "acceptance_test"),
         ({"baseline": {"kp": 30.0}}, "lies outside"),
@@ -366,6 +439,17 @@ def test_other_values_for_the_same_results_are_noticed(tmp_path):
         ({"variant": 5}, "variant=5: input should be a valid string"),
         ({"initial_samples": "x"}, "initial_samples='x': input should be a valid integer"),
         ({"initial_sigma": 2.0}, "initial_sigma"),
+        ({"acceptance_test": math.nan}, "acceptance_test: NaN is not a value"),
+        ({"initial_sigma": math.inf}, "initial_sigma: inf is not a value"),
+        ({"initial_samples": math.nan}, "initial_samples: NaN is not a value"),
+        ({"trial_timeout": math.inf}, "trial_timeout=inf: expected seconds, above zero"),
+        (
+            {"tuner_options": {"sigma": math.nan}},
+            r"tuner_options\['sigma'\]=nan: expected a finite",
+        ),
+        ({"space": {**SPACE, "ts": math.nan}}, r"space\['ts'\]=nan: expected a finite number"),
+        ({"baseline_first": "x"}, "baseline_first='x': input should be a valid boolean"),
+        ({"baseline_first": None, "space": {"kp": (0, 1)}}, "baseline_first=None"),
     ],
 )
 def test_settings_that_cannot_be_used_begin_nothing(options, says, tmp_path):
@@ -420,4 +504,6 @@ def test_the_answer_is_exported(tmp_path):
     with pytest.raises(StudyError, match="no experiment has succeeded yet"):
         made.export(tmp_path / "gains.h")
     made.tell(made.ask(), 1.0)
+    with pytest.raises(ConfigError, match=r"export to None: expected a file, such as 'gains.yaml'"):
+        made.export(None)
     assert "kp = 10.0; /* N/m */" in made.export(tmp_path / "gains.h").read_text()

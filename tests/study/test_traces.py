@@ -90,6 +90,8 @@ def test_tuning_by_traces_keeps_the_overshoot():
         (response(0.5).assign(time=pd.NaT), {}, "'time' holds what is not finite"),
         (response(0.5).assign(y="a"), {}, "'y' holds what is no number"),
         (response(0.5).assign(y=np.nan), {}, "'y' holds what is not finite"),
+        ("rec.csv", {}, "expected a DataFrame, got a str; read a file with pandas.read_csv"),
+        ({"time": [0, 1], "y": [0, 1]}, {}, "got a dict; .* of columns with pandas.DataFrame"),
         (response(0.5), {"cost": 1.0}, "give none beside the trace"),
         (response(0.5), {"failed": "no"}, "one of them"),
     ],
@@ -109,10 +111,36 @@ def test_what_cannot_judge_a_trace_is_refused():
     with pytest.raises(ConfigError, match="needs a cost beside it"):
         made = study(specs=[HARD])
         made.tell(made.ask(), trace=response(0.5))
-    with pytest.raises(ConfigError, match="figure of zoac.specs over signals"):
-        study(specs=[specs.gain_margin(min=2.0)])
+    own = specs.Spec("mine", ("y",), lambda time, y: 0.0, max=1.0)
+    for spec in (own, specs.gain_margin(min=2.0)):
+        with pytest.raises(ConfigError, match="cannot keep a function of yours; use such a figure"):
+            study(specs=[spec])
     with pytest.raises(ConfigError, match=r"specs\[0\]='overshoot': expected a spec"):
         study(specs=["overshoot"])
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("3", "specs.yaml: expected entries by name, or a list"),
+        ("- overshoot", "'overshoot' is no spec; expected one such as {name: overshoot, signals"),
+        ("- {name: iae, max: 1}", "'max': 1} has no signals; expected a spec such as {name: overs"),
+        ("- {max: 1}", "{'max': 1} has no name and no signals"),
+        ("- {name: iae, signals: 3}", "signals=3, expected a list of the columns that are y, r"),
+        ("- {name: rms, signals: [3]}", "signals=[3], expected a list of the columns that are y"),
+        ("- {name: rms, signals: [y, r]}", "signals=['y', 'r'], expected a list of the columns"),
+        ("- {name: rms, signals: []}", "signals=[], expected a list of the columns that are y"),
+        ("- {name: iae, signals: [y, r], window: 3}", "iae: window=3, expected (from, to) in sec"),
+        ("- {name: settling_time, signals: [y], bnd: 0.1}", "no argument 'bnd'; did you mean 'ban"),
+        ("- {name: iae, signals: [y], r: q}", "spec 'iae': no argument 'r'; known: max, min"),
+    ],
+)
+def test_a_file_that_holds_no_spec_is_answered_with_what_a_spec_is(text, says, tmp_path, capsys):
+    (tmp_path / "space.yaml").write_text("zeta: [0.1, 0.99]\n")
+    (tmp_path / "specs.yaml").write_text(text)
+    assert command(["create", str(tmp_path / "rig"), "--space", str(tmp_path / "space.yaml"),
+                    "--specs", str(tmp_path / "specs.yaml")]) == 1  # fmt: skip
+    assert says in capsys.readouterr().err
 
 
 def test_the_command_line_takes_specs_and_traces(tmp_path, capsys):

@@ -95,6 +95,21 @@ def test_a_failure_without_a_reason_does_not_break_the_last_lines(tmp_path, caps
     assert "failures: 1, the first: no reason given" in capsys.readouterr().out
 
 
+def test_a_baseline_that_failed_at_first_has_the_cost_of_the_acceptance_test(capsys):
+    def cost(p):
+        if len(cost.calls) == 1:
+            raise RuntimeError("not warm yet")
+        return 10.0 - p["kp"] + len(cost.calls) / 100.0
+
+    cost = Counted(cost)
+    result = tune(cost, tuner="cmaes_full", acceptance_test=0.2, quiet=False)
+    measured = result.record["acceptance_test"]["baseline_cost_mean"]
+    assert result.baseline_cost_mean == pytest.approx(measured)
+    said = capsys.readouterr().out
+    assert f"; baseline values: cost {measured:.6g}\n" in said
+    assert "acceptance test: the tuned values beat the baseline values: in 9 pairs of" in said
+
+
 @pytest.mark.parametrize(
     ("answer", "says"),
     [(None, "the cost is None, expected a number"), ({"Cost": 1.0}, "the answer has an unknown"),

@@ -34,6 +34,8 @@ def export(parameters: Mapping[str, Any], path: str | Path, units: Mapping[str, 
         ConfigError: If the suffix is unknown, two names become one identifier, a value is not
             finite or has no literal in that language, or the file cannot be written.
     """
+    if not isinstance(path, str | Path):
+        raise ConfigError(f"export to {path!r}: expected a file, such as 'gains.yaml'")
     path = Path(path).expanduser()
     writer = FORMATS.get(path.suffix)
     if writer is None:

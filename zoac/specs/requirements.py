@@ -17,6 +17,12 @@ from zoac.specs.spec import Loop, Spec
 
 
 def _of(name: str, *signals: str, limits: dict[str, Any], **others: Any) -> Spec:
+    for signal in signals:
+        if not isinstance(signal, str):
+            raise ConfigError(
+                f"{name}({signal!r}): expected the name of a signal; a limit has a name, such as "
+                f"max={signal!r}"
+            )
     if isinstance(window := limits.get("window"), list):  # from a YAML file
         limits["window"] = tuple(window)
     return Spec(name, signals, getattr(step_info, name), **others, **limits)

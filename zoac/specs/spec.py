@@ -76,6 +76,11 @@ class Spec:
     beyond: Callable[..., float] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        if self.window is not None and not _is_window(self.window):
+            raise ConfigError(
+                f"{self.name}: window={self.window!r}, expected (from, to) in seconds, such as "
+                "(0, 2.5)"
+            )
         for side, limit in (("max", self.max), ("min", self.min)):
             if limit is not None and not (is_number(limit) and math.isfinite(limit)):
                 raise ConfigError(f"{self}: {side}={limit!r}, expected a finite number")
@@ -85,10 +90,6 @@ class Spec:
             raise ConfigError(f"{self}: over={self.over!r}; expected 'worst', 'mean' or cvar(0.9)")
         if not (is_number(self.weight) and math.isfinite(self.weight) and self.weight > 0):
             raise ConfigError(f"{self}: weight={self.weight!r}, expected a number above 0")
-        if self.window is not None and not _is_window(self.window):
-            raise ConfigError(
-                f"{self}: window={self.window!r}, expected (from, to) in seconds, such as (0, 2.5)"
-            )
         if self.of_loop and self.window is not None:
             raise ConfigError(f"{self.name}: window={self.window!r}, and a loop has no time")
         if not self.hard and self.of_loop:

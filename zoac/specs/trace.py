@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,12 @@ if TYPE_CHECKING:
 TIME = "time"
 """The column that tells the time [s]."""
 
+SIGNALS = ("y", "r", "u")
+"""Arguments of a requirement that are names of signals."""
+
+EXAMPLE = "such as {name: overshoot, signals: [y, r], max: 0.05}"
+"""How a file holds a spec."""
+
 LIMITS = ("max", "min", "weight", "window")
 
 
@@ -33,6 +40,11 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
         ConfigError: If one is missing or there twice, if it holds what is no finite number, or if
             the time does not increase.
     """
+    if not hasattr(trace, "columns"):
+        raise ConfigError(
+            f"trace: expected a DataFrame, got a {type(trace).__name__}; read a file with "
+            "pandas.read_csv, make one of columns with pandas.DataFrame"
+        )
     values = {}
     for name in (TIME, *signals):
         if name not in trace.columns:
@@ -107,7 +119,10 @@ def as_plain(spec: Spec) -> dict[str, Any]:
         ConfigError: If it is none of those in `zoac.specs` that look at signals.
     """
     if spec.figure is not getattr(step_info, spec.name, None):
-        raise ConfigError(f"{spec}: a trace is judged by a figure of zoac.specs over signals")
+        raise ConfigError(
+            f"{spec}: a study judges signals by figures of zoac.specs, and cannot keep a function "
+            "of yours; use such a figure, or give the cost yourself"
+        )
     limits = {name: limit for name in LIMITS if (limit := getattr(spec, name)) is not None}
     return {"name": spec.name, "signals": list(spec.signals), **spec.options, **limits}
 
@@ -118,15 +133,27 @@ def from_plain(given: Mapping[str, Any]) -> Spec:
     Raises:
         ConfigError: If it is none.
     """
-    if not isinstance(given, Mapping) or not {"name", "signals"} <= given.keys():
-        raise ConfigError(f"{given!r} is no spec; expected name, signals and if wanted max or min")
+    if not isinstance(given, Mapping):
+        raise ConfigError(f"{given!r} is no spec; expected one {EXAMPLE}")
+    if missing := [key for key in ("name", "signals") if key not in given]:
+        raise ConfigError(
+            f"{dict(given)!r} has no {' and no '.join(missing)}; expected a spec {EXAMPLE}"
+        )
     options = dict(given)
     name, signals = options.pop("name"), options.pop("signals")
     known = {k: v for k, v in vars(requirements).items() if k[0] != "_" and hasattr(step_info, k)}
     if str(name) not in known:
         raise ConfigError(f"unknown spec {name!r}; {suggest(str(name), known)}")
-    try:
-        spec: Spec = known[str(name)](*signals, **options)
-    except TypeError as error:
-        raise ConfigError(f"spec {name!r}: {error}") from None
+    own = [n for n, p in signature(known[name]).parameters.items() if p.kind != p.VAR_KEYWORD]
+    takes = [n for n in own if n in SIGNALS]
+    listed = isinstance(signals, list) and all(isinstance(signal, str) for signal in signals)
+    if not listed or not 1 <= len(signals) <= len(takes):
+        raise ConfigError(
+            f"spec {name!r}: signals={signals!r}, expected a list of the columns that are "
+            f"{', '.join(takes)}; {EXAMPLE}"
+        )
+    for key in options:
+        if key not in (arguments := [*(n for n in own if n not in takes), *LIMITS, "over"]):
+            raise ConfigError(f"spec {name!r}: no argument {key!r}; {suggest(str(key), arguments)}")
+    spec: Spec = known[name](*signals, **options)
     return spec

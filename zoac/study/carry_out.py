@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import shlex
 import sys
 import threading
@@ -23,7 +24,7 @@ from zoac.core.errors import (
     suggest,
 )
 from zoac.runs.lock import HeldError, locked
-from zoac.runs.loggers.summary import shown
+from zoac.runs.loggers.summary import acceptance_line, shown
 from zoac.runs.result import Result, result_of
 from zoac.runs.schema import read_result
 from zoac.study.loop import CARRIED_OUT
@@ -83,13 +84,15 @@ def _told(study: Study, best: Trial) -> Iterator[str]:
     units = {p.name: p.unit for p in study.settings.space.parameters}
     for name, value in best.parameters.items():
         yield f"  {name} = {shown(value)} {units.get(name, '')}".rstrip()
-    baseline = study.trial(1)
-    compared = f"; baseline values: {told(baseline)}" if study.settings.baseline_first else ""
-    yield f"  {told(best)}, experiment {best.number} of {study.settings.experiments}{compared}"
     result = read_result(study.folder)
+    compared = ""
+    if study.settings.baseline_first:
+        cost = result["baseline_cost_mean"]
+        known = f"cost {cost:.6g}" if math.isfinite(cost) else told(study.trial(1))
+        compared = f"; baseline values: {known}"
+    yield f"  {told(best)}, experiment {best.number} of {study.settings.experiments}{compared}"
     if (test := result.get("acceptance_test")) is not None:
-        verdict = "the answer beats" if test["accepted"] else "no better was found, it is"
-        yield f"  acceptance test: {verdict} the baseline values: {test['text']}"
+        yield f"  {acceptance_line(test)}"
     if result["failures"]:
         yield f"  failures: {result['failures']}, the first: {_line(result['first_failure'])}"
     yield from (f"  WARNING: {sentence}" for sentence in result["warnings"])

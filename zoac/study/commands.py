@@ -98,7 +98,8 @@ def _yaml(path: str) -> Any:
     try:
         return OmegaConf.to_container(OmegaConf.load(path))
     except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}") from None
+        why = error.strerror or "expected entries by name, or a list"  # OmegaConf: a number, say
+        raise ConfigError(f"{path}: {why}") from None
     except Exception as error:  # whatever a YAML reader raises
         raise ConfigError(f"{path}: cannot be read as YAML: {error}") from None
 

@@ -17,12 +17,15 @@ from pathlib import Path
 from typing import Any
 
 from zoac.core.errors import ConfigError, ZoacError
-from zoac.core.types import Count, Natural, Positive
+from zoac.core.types import Count, Natural, Positive, is_number
 from zoac.rollout.executors import guard
 from zoac.study.state.settings import seconds
 
 FILE = "{file}"
 """Stands for the path of a file with the parameters, in the program's arguments."""
+
+MAX_TIMEOUT = 2_000_000
+"""Seconds, 23 days: the operating system waits for no more than 2^31 ms."""
 
 LAST_LINES = 5
 """Lines of a failed program's output that the message shows."""
@@ -189,12 +192,19 @@ def program(
     Raises:
         ConfigError: If there is no such program, or an argument cannot be used.
     """
-    words = shlex.split(command) if isinstance(command, str) else [str(w) for w in command]
+    try:
+        words = shlex.split(command) if isinstance(command, str) else [str(w) for w in command]
+    except (TypeError, ValueError):  # it is no list, or has a quote that is not closed
+        words = []
     if not words:
-        raise ConfigError("program: expected a command, such as ['./simulate', '--quick']")
-    seconds("timeout", timeout)
-    if not isinstance(retries, int) or retries < 0:
-        raise ConfigError(f"program: retries={retries!r}, expected 0 or more")
+        raise ConfigError(
+            f"program: {command!r} is no command; expected one such as ['./simulate', '--quick']"
+        )
+    seconds("timeout", timeout, MAX_TIMEOUT)
+    if not is_number(retries) or retries % 1 or retries < 0:
+        raise ConfigError(f"program: retries={retries!r}, expected a whole number, 0 or more")
+    if not isinstance(cwd, str | Path | None):
+        raise ConfigError(f"program: cwd={cwd!r}, expected a folder")
     folder = Path(cwd or ".").expanduser()
     if not folder.is_dir():
         raise ConfigError(f"program: there is no folder {str(folder)!r}")
@@ -206,7 +216,7 @@ def program(
             f"program: {words[0]!r} is not found or may not be executed; expected a program "
             "on the path, or its path, such as './simulate'"
         )
-    return Program(words, timeout, retries, folder)
+    return Program(words, timeout, int(retries), folder)
 
 
 def _object(output: bytes) -> dict[str, Any] | None:

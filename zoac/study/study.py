@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,6 +15,7 @@ import numpy as np
 from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, TrialsPending
 from zoac.core.parameters import ParameterSpace
+from zoac.core.types import is_number
 from zoac.runs.export import export
 from zoac.runs.schema import is_done
 from zoac.specs.spec import Spec
@@ -21,8 +23,8 @@ from zoac.study.loop import experiments_left
 from zoac.study.proposals import Proposals
 from zoac.study.state import folder as files
 from zoac.study.state.ledger import Ledger
-from zoac.study.state.settings import new_settings
-from zoac.study.state.trial import Trial, measured
+from zoac.study.state.settings import differing, new_settings
+from zoac.study.state.trial import Trial, measured, number_of, reason_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,7 +68,7 @@ class Study:
         """
         Args:
             space: Bounds by name, as `zoac.tune` takes them; None: open the study in `folder`,
-                whatever its other settings are.
+                whose other settings need not be repeated.
             folder: Its folder, in which a study of the same settings continues; None: temporary.
             tuner: "bo", "botorch", "cmaes", "cmaes_full", "es", "halving", "nevergrad", "optuna",
                 "random", "smac"; "auto": "bo" for one worker and few experiments, else CMA-ES.
@@ -96,24 +98,27 @@ class Study:
         """
         check_arguments(
             Study,
-            {"tuner": tuner, "tuner_options": tuner_options, "folder": folder, "name": name,
-             "variant": variant},
+            {"tuner": tuner, "tuner_options": tuner_options, "baseline_first": baseline_first,
+             "folder": folder, "name": name, "variant": variant},
             "",
         )  # fmt: skip
         if space is None and folder is None:
             raise ConfigError("a study needs a space, or the folder of one that was begun")
-        path = Path(folder or tempfile.mkdtemp(prefix="zoac-study-")).expanduser()
-        settings = None
-        if space is not None:
-            settings = new_settings(
-                space, tuner, tuner_options, experiments=experiments, workers=workers, seed=seed,
-                baseline=baseline, baseline_first=baseline_first, constraints=constraints,
-                specs=specs, acceptance_test=acceptance_test, initial_sigma=initial_sigma,
-                initial_samples=initial_samples,
-            )  # fmt: skip
-        self.folder = path
+        self.folder = path = Path(folder or tempfile.mkdtemp(prefix="zoac-study-")).expanduser()
+        given: dict[str, Any] = {
+            "tuner": tuner, "tuner_options": tuner_options, "experiments": experiments,
+            "workers": workers, "seed": seed, "baseline": baseline,
+            "baseline_first": baseline_first, "constraints": constraints, "specs": specs,
+            "acceptance_test": acceptance_test, "initial_sigma": initial_sigma,
+            "initial_samples": initial_samples,
+        }  # fmt: skip
+        settings = None if space is None else new_settings(space, **given)
         called = {"task": name or path.resolve().name, "variant": variant}
         self.settings, self.trial_timeout = files.opened(path, settings, trial_timeout, called)
+        if space is None:
+            usual = inspect.signature(Study).parameters
+            chosen = {k: v for k, v in given.items() if v is not usual[k].default}
+            files.refuse_others(path, differing(self.settings, chosen))
         self._ledger = Ledger(path, self.settings.limits)
         if self.finished and not is_done(path):  # killed before the result was written
             with self._ledger.writing():
@@ -127,10 +132,14 @@ class Study:
             wait: Seconds to wait for results of other trials if this one depends on them.
 
         Raises:
+            ConfigError: If an argument cannot be used.
             StudyFinished: If all experiments have been asked for.
             TrialsPending: If the next experiment depends on trials without a result.
             NothingWorksError: If each of the first ten experiments failed.
         """
+        check_arguments(self.ask, {"by": by}, "")
+        if not (is_number(wait) and wait >= 0):
+            raise ConfigError(f"wait={wait!r}: expected seconds, 0 or more")
         until = time.monotonic() + wait
         while True:
             try:
@@ -142,7 +151,7 @@ class Study:
 
     def _ask(self, by: str) -> Trial:
         with self._ledger.writing():
-            self._abandon_overdue()
+            self._ledger.abandon_overdue(self.trial_timeout or np.inf)
             self._finish()
             number = self._ledger.next_number(self.settings.experiments)
             x = self._tuner.x(number, self._ledger.trial)
@@ -150,13 +159,6 @@ class Study:
             parameters = {**self.settings.space.named(x), **self.settings.fixed}
             self._ledger.write("asked", number, {"by": by, "parameters": parameters, "x": x})
             return self._ledger.trial(number)
-
-    def _abandon_overdue(self) -> None:
-        limit = self.trial_timeout or np.inf
-        for trial in self.pending:
-            if time.time() - trial.asked > limit:
-                reason = {"reason": f"no result within {limit:g} s"}
-                self._ledger.write("abandoned", trial.number, reason)
 
     def tell(
         self,
@@ -189,7 +191,7 @@ class Study:
         if (cost is None and trace is None) == (failed is None):
             raise ConfigError("tell needs a cost, a trace or the reason of a failure, one of them")
         if failed is not None:
-            return self._end(trial, "failed", {"reason": str(failed)})
+            return self._end(trial, "failed", reason_of(failed))
         limits, specs = self.settings.limits, self.settings.specs
         result = measured(cost, limits, metrics, constraints, trace=trace, specs=specs)
         return self._end(trial, "told", result)
@@ -198,12 +200,13 @@ class Study:
         """Give up an experiment that will never have a result; it counts as failed.
 
         Raises:
+            ConfigError: If the reason is no text.
             StudyError: If there is no such trial, or it has a result.
         """
-        return self._end(trial, "abandoned", {"reason": reason})
+        return self._end(trial, "abandoned", reason_of(reason))
 
     def _end(self, trial: Trial | int, kind: str, result: Mapping[str, Any]) -> Trial:
-        number = trial.number if isinstance(trial, Trial) else int(trial)
+        number = number_of(trial)
         with self._ledger.writing():
             if not self._ledger.has(number, {"kind": kind, **result}):
                 self._ledger.write(kind, number, result)
@@ -224,7 +227,7 @@ class Study:
 
     def trial(self, number: int) -> Trial:
         """Return a trial as it is now; a `StudyError` if there is none of this number."""
-        return self._ledger.refreshed().trial(number)
+        return self._ledger.refreshed().trial(number_of(number))
 
     @property
     def trials(self) -> list[Trial]:

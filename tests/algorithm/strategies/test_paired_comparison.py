@@ -76,6 +76,13 @@ def test_a_failure_too_rare_to_be_seen_passes_and_the_text_says_how_rare(pairs):
     assert f"a failure rate below {1 - 0.05 ** (1 / pairs):.2g} cannot be excluded" in text
 
 
+def test_the_text_says_what_was_compared():
+    assert compared(np.array([-1.0] * 4 + [1.0] * 2)).text.startswith(
+        "in 6 pairs of episodes the tuned values were better in 4 and worse in 2 (p = 0.35 by "
+        "exact tests); they failed in 0, the baseline values in 0"
+    )
+
+
 @pytest.mark.parametrize("pairs", [8, 20, 50])
 def test_one_large_loss_that_was_seen_outweighs_many_small_gains(pairs):
     differences = np.full(pairs, -1.0)

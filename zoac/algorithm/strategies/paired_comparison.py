@@ -136,13 +136,17 @@ class Comparison:
         """What was tested and what came out, in one sentence."""
         start, candidate = self.failures
         told = (
-            f"better in {self.wins} and worse in {self.losses} of them, p = {self.p_value:.2g} "
-            f"by exact tests; failures: {candidate}, baseline values {start}"
+            f"in {self.pairs} pairs of episodes the tuned values were better in {self.wins} and "
+            f"worse in {self.losses} (p = {self.p_value:.2g} by exact tests); they failed in "
+            f"{candidate}, the baseline values in {start}"
         )
         if self.pairs < MIN_PAIRS:
             told += f"; fewer than {MIN_PAIRS} pairs accept nothing"
         elif self.fails_more:
-            told += f"; it failed in {self.new_failures} in which the baseline values did not"
+            told += (
+                f"; the tuned values failed in {self.new_failures} in which the baseline values "
+                "did not"
+            )
         if not candidate:
             told += f"; a failure rate below {unseen_rate(self.pairs):.2g} cannot be excluded"
         return told

@@ -128,9 +128,7 @@ class Console:
         for line in summary.cost_lines(result):
             self._say(f"  {line}")
         if (test := result.get("acceptance_test")) is not None:
-            verdict = "the answer beats" if test["accepted"] else "no better was found, it is"
-            pairs = f"{test['pairs']} pairs of episodes"
-            self._say(f"  acceptance test: {verdict} the baseline values, {pairs}: {test['text']}")
+            self._say(f"  {summary.acceptance_line(test)}")
         for line in lines([restored(row) for row in result.get("specs", [])]):
             self._print(f"  {line}")
         if result.get("failures"):

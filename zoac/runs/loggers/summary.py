@@ -50,6 +50,12 @@ def cost_lines(result: Mapping[str, Any]) -> Iterator[str]:
         yield f"{side} than the baseline values by {by}" + (f" ({told})" if told else "")
 
 
+def acceptance_line(test: Mapping[str, Any]) -> str:
+    """Return the verdict of an acceptance test, `acceptance_test` of `result.json`, and why."""
+    better, kept = "the tuned values beat the baseline values", "the baseline values are kept"
+    return f"acceptance test: {better if test['accepted'] else kept}: {test['text']}"
+
+
 def with_interval(costs: Any) -> str:
     """Return a mean with half the width of its 95% interval, if that can be told."""
     numbers = _numbers(costs)

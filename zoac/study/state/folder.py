@@ -55,12 +55,25 @@ def opened(
         raise RunFolderError(f"{folder} holds a run, not a study; choose another folder")
     found = StudySettings(record["config"], record["tuner"])
     wanted = found if settings is None else settings
-    if differences := schema.differing_keys(found.config, wanted.config):
+    refuse_others(folder, schema.differing_keys(found.config, wanted.config))
+    return found, trial_timeout or record["study"]["trial_timeout"]
+
+
+def refuse_others(folder: Path, differences: Mapping[str, tuple[Any, Any]]) -> None:
+    """Raise if there are settings that differ from those of the folder's study.
+
+    Args:
+        folder: Of the study.
+        differences: The study's value and the other one, by name.
+
+    Raises:
+        RunFolderError: If there are any.
+    """
+    if differences:
         listed = "".join(f"\n  {key}: {a!r}, now {b!r}" for key, (a, b) in differences.items())
         raise RunFolderError(
             f"{folder} holds a study of other settings:{listed}\nuse those, or another folder"
         )
-    return found, trial_timeout or record["study"]["trial_timeout"]
 
 
 def _begin(
@@ -139,9 +152,14 @@ def result(settings: StudySettings, trials: Sequence[Trial], best: Trial) -> dic
     }
     del found["kind"]
     if settings.baseline_first and trials:
-        found["baseline_cost_mean"] = trials[0].cost
-        if trials[0].cost is not None:
-            found["baseline"] = {"cost_mean": trials[0].cost, **trials[0].metrics}
+        # If the first failed, the acceptance test may have measured the baseline values later.
+        first, *later = (t for t in trials if t.x == trials[0].x)
+        good = [t for t in later if t.cost is not None] if first.cost is None else [first]
+        found["baseline_cost_mean"] = None
+        if good:
+            mean = float(np.array([t.cost for t in good], dtype=np.float64).mean())
+            found["baseline_cost_mean"] = mean
+            found["baseline"] = {"cost_mean": mean, **good[0].metrics}
     if best.violation > 0:
         found["warnings"] = ["no experiment kept all constraints; the answer breaks them least"]
     return found

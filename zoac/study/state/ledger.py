@@ -47,6 +47,13 @@ class Ledger:
         self._journal.append({"kind": kind, "number": number, "time": time.time(), **content})
         self.refreshed()
 
+    def abandon_overdue(self, limit: float) -> None:
+        """Abandon the trials that were asked for more than `limit` [s] ago; hold `writing`."""
+        for trial in self.trials:
+            if trial.pending and time.time() - trial.asked > limit:
+                reason = {"reason": f"no result within {limit:g} s"}
+                self.write("abandoned", trial.number, reason)
+
     def refreshed(self) -> Ledger:
         """Take in what was written since; return this ledger.
 

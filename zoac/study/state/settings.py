@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 from zoac.config.files import configuration
+from zoac.config.settings import Settings, whole_numbers
+from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.core.types import is_number
@@ -69,7 +72,10 @@ def new_settings(
     Raises:
         ConfigError: If one of them cannot be used.
     """
+    check_arguments(Settings, whole_numbers(Settings, others), "")
     parsed, fixed, values = parse_space(space, baseline)
+    _refuse_not_finite("space", fixed)
+    _refuse_not_finite("tuner_options", tuner_options or {})
     for name, value, least in (("experiments", experiments, 1), ("seed", seed, 0),
                                ("workers", workers, 1)):  # fmt: skip
         if not is_number(value) or value % 1 or value < least:
@@ -89,7 +95,7 @@ def new_settings(
             "fixed": fixed,
             "baseline": values or None,
             "limits": _limits(constraints),
-            "specs": [as_plain(spec) for spec in specs_of(specs)],
+            "specs": _plain_specs(specs),
         },
         "tuner": {**node, **options},
         "seed": int(seed),
@@ -101,10 +107,39 @@ def new_settings(
     return StudySettings(schema.plain(config), named)
 
 
-def seconds(name: str, value: Any) -> None:
-    """Refuse what is neither None nor a number of seconds above zero."""
-    if value is not None and not (is_number(value) and value > 0):
-        raise ConfigError(f"{name}={value!r}: expected seconds, above zero, or None")
+def differing(settings: StudySettings, given: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+    """Return the arguments of a `Study` that differ from its own settings, with both values.
+
+    Args:
+        settings: Of the study.
+        given: Arguments by name. Baseline and tuner's options may leave out some of the study's.
+
+    Raises:
+        ConfigError: If there are specs that a study cannot have.
+    """
+    config = settings.config
+    own = {
+        **config, **config["task"], "tuner": settings.tuner, "tuner_options": config["tuner"],
+        "experiments": settings.experiments, "workers": settings.workers,
+        "constraints": settings.limits,
+    }  # fmt: skip
+    differences = {}
+    for name, value in given.items():
+        mine, now = own[name], value
+        if not is_number(value):  # of a number, NaN stays what it is
+            now = schema.plain(_plain_specs(value) if name == "specs" else value)
+        if name in ("baseline", "tuner_options") and isinstance(now, Mapping):
+            mine = {key: (mine or {}).get(key) for key in now}
+        if now != mine:
+            differences[name] = (mine, now)
+    return differences
+
+
+def seconds(name: str, value: Any, most: float = sys.float_info.max) -> None:
+    """Refuse what is neither None nor a number of seconds above zero, `most` at the most."""
+    if value is not None and not (is_number(value) and 0 < value <= most):
+        limit = f" and at most {most:g}" if most < sys.float_info.max else ""
+        raise ConfigError(f"{name}={value!r}: expected seconds, above zero{limit}, or None")
 
 
 def _tuner(name: str, dimension: int, experiments: int, workers: int) -> str:
@@ -120,6 +155,17 @@ def _tuner(name: str, dimension: int, experiments: int, workers: int) -> str:
             f"whole experiments only; {suggest(name, TUNERS)}"
         )
     return name
+
+
+def _plain_specs(given: Any) -> list[dict[str, Any]]:
+    return [as_plain(spec) for spec in specs_of(given)]
+
+
+def _refuse_not_finite(of: str, values: Mapping[str, Any]) -> None:
+    """Refuse numbers that JSON lacks: `schema.plain` would make them None."""
+    for name, value in values.items():
+        if is_number(value) and not math.isfinite(value):
+            raise ConfigError(f"{of}[{name!r}]={value!r}: expected a finite number")
 
 
 def _limits(constraints: Mapping[str, float] | None) -> dict[str, float]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from zoac.core.errors import ConfigError, suggest
+from zoac.core.errors import ConfigError, StudyError, suggest
 from zoac.core.measures import refuse_reserved
 from zoac.core.types import is_number
 from zoac.runs.schema import plain
@@ -60,6 +60,29 @@ class Trial:
     def pending(self) -> bool:
         """Whether no result is known yet."""
         return self.state == "pending"
+
+
+def number_of(given: Any) -> int:
+    """Return the number of a trial, which is given by itself or by its number.
+
+    Raises:
+        StudyError: If it is neither.
+    """
+    number = given.number if isinstance(given, Trial) else given
+    if not is_number(number) or number % 1:
+        raise StudyError(f"there is no trial {given!r}; expected a trial or its number")
+    return int(number)
+
+
+def reason_of(given: Any) -> dict[str, Any]:
+    """Return why an experiment has no cost, as the journal's row holds it.
+
+    Raises:
+        ConfigError: If it is no text.
+    """
+    if not isinstance(given, str):
+        raise ConfigError(f"the reason of a failure is {given!r}, expected text")
+    return {"reason": given}
 
 
 KEYS = ("cost", "metrics", "constraints")
