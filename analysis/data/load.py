@@ -3,31 +3,31 @@
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from zoac.analysis import compact
 from zoac.analysis.data.runs import Collection, Method, Run, Skipped, order
 from zoac.core.errors import RunFolderError
+from zoac.core.types import is_number
 from zoac.runs.schema import (
     METRICS,
     RESULT,
     RUN,
     differing_keys,
     is_done,
+    plain,
     read_metrics,
     read_result,
     read_run,
 )
 
-IDENTITY = ("task", "tuner", "seed", "variant", "config_hash")
-"""Keys on which a run's files must agree."""
+OF_EVERY_ROW = ("env_steps", "wall_seconds")
+"""Numbers that every row of `metrics.jsonl` has."""
 
-NEEDED = {
-    METRICS: ("kind", "env_steps", "wall_seconds"),
-    RESULT: (*IDENTITY, "env_steps", "cost_per_episode", "parameters", "wall_seconds"),
-}
-"""Keys that each file must have."""
+AGREED = ("env_steps", "cost_mean", "cost_per_episode", "parameters")
+"""Keys on which the final evaluation and the result must agree."""
 
 
 def load(root: str | Path, *, trust_code: bool = False) -> Collection:
@@ -73,29 +73,42 @@ def read(folder: Path) -> Run:
     identity = read_run(folder)
     done = is_done(folder)
     lines = read_metrics(folder) if done or (folder / METRICS).exists() else []
-    metrics = [_complete(folder, METRICS, line) for line in lines]
+    metrics = [_complete(folder, line) for line in lines]
+    _of_one_run(folder, metrics)
     if not done:
         return Run(folder, identity, metrics, None)
-    result = _complete(folder, RESULT, read_result(folder))
-    for key in IDENTITY:
-        if result.get(key) != identity.get(key):
-            raise RunFolderError(
-                f"{folder}: run.json and result.json disagree on {key}: "
-                f"{identity.get(key)!r} and {result.get(key)!r}"
-            )
+    result = read_result(folder)
     if not (metrics and metrics[-1].get("final")):
         raise RunFolderError(
             f"{folder}: the run is finished, but {METRICS} does not end with its final "
             "evaluation; the end of the file is lost"
         )
+    for key in AGREED:
+        end, told = plain(metrics[-1].get(key)), plain(result[key])
+        if end != told:
+            raise RunFolderError(
+                f"{folder}: the final evaluation in {METRICS} and {RESULT} disagree on {key}: "
+                f"{end!r} and {told!r}"
+            )
     return Run(folder, identity, metrics, result)
 
 
-def _complete(folder: Path, file: str, record: dict[str, Any]) -> dict[str, Any]:
-    missing = [key for key in NEEDED[file] if key not in record]
+def _complete(folder: Path, row: dict[str, Any]) -> dict[str, Any]:
+    missing = [key for key in OF_EVERY_ROW if not is_number(row.get(key))]
     if missing:
-        raise RunFolderError(f"{folder}: {file} has a record without {', '.join(missing)}")
-    return record
+        raise RunFolderError(f"{folder}: {METRICS} has a record without {', '.join(missing)}")
+    return row
+
+
+def _of_one_run(folder: Path, metrics: Sequence[dict[str, Any]]) -> None:
+    """Refuse rows that no single run writes."""
+    for number, (row, following) in enumerate(pairwise(metrics), start=2):
+        if row.get("final") or following["env_steps"] < row["env_steps"]:
+            after = "the final evaluation" if row.get("final") else f"step {row['env_steps']:,}"
+            raise RunFolderError(
+                f"{folder}: {METRICS} holds rows of several runs: line {number} is of step "
+                f"{following['env_steps']:,} and follows {after}"
+            )
 
 
 def _candidates(root: Path) -> Iterator[Path]:

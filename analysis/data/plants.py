@@ -12,7 +12,6 @@ import numpy as np
 
 from zoac.analysis.data import replay
 from zoac.analysis.data.frames import numbers
-from zoac.analysis.data.load import IDENTITY
 from zoac.analysis.data.runs import Run
 from zoac.core.errors import ConfigError, RunFolderError, as_text, suggest
 from zoac.core.seeding import stream
@@ -191,7 +190,7 @@ def sensitivity(run: Run, episodes: int) -> list[Sensitivity]:
 def as_json(run: Run, varied: Variation | None, around: Sequence[Sensitivity]) -> str:
     """Return everything at full precision, which `read` reads."""
     record = {
-        "run": {key: run.identity[key] for key in IDENTITY},
+        "run": {key: run.identity[key] for key in schema.IDENTITY},
         "plants": None if varied is None else asdict(varied),
         "sensitivity": [asdict(s) for s in around],
     }
@@ -208,7 +207,7 @@ def read(path: Path, run: Run) -> tuple[Variation | None, list[Sensitivity]] | N
         return None
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
-        if record["run"] != {key: run.identity[key] for key in IDENTITY}:
+        if record["run"] != {key: run.identity[key] for key in schema.IDENTITY}:
             return None
         found = record["plants"]
         varied = found and Variation(

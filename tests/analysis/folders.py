@@ -109,7 +109,8 @@ def write_run(
     ]
     if rows:
         train = {"kind": "train", "env_steps": 250, "wall_seconds": 2.5, "iteration": 1}
-        rows.insert(1, train)
+        rows = sorted([*rows, train], key=lambda row: row["env_steps"])
+    rows = [row for row in rows if row["env_steps"] <= budget]
     if finished:
         outcome = {
             "env_steps": budget,

@@ -97,8 +97,33 @@ def test_a_record_that_says_too_little_names_what_it_lacks(tmp_path: Path) -> No
     del content["cost_per_episode"]
     path.write_text(json.dumps(content))
     assert skipped(tmp_path) == [
-        "pid_acc/zoac/seed=1: result.json has a record without cost_per_episode"
+        "pid_acc/zoac/seed=1: result.json: cost_per_episode: a value is needed"
     ]
+
+
+def test_rows_of_another_run_are_left_out(tmp_path: Path) -> None:
+    write_run(tmp_path)
+    folder, other = write_run(tmp_path, seed=1), write_run(tmp_path / "o", costs=(1.0, 2.0))
+    (other / "metrics.jsonl").replace(folder / "metrics.jsonl")
+    (told,) = [line for line in skipped(tmp_path) if "seed=1" in line]
+    assert told == (
+        "pid_acc/zoac/seed=1: the final evaluation in metrics.jsonl and result.json disagree on "
+        "cost_mean: 1.5 and 4.5"
+    )
+
+
+@pytest.mark.parametrize(
+    ("finished", "after"), [(True, "the final evaluation"), (False, "step 500")]
+)
+def test_rows_of_two_runs_in_one_file_are_left_out(
+    finished: bool, after: str, tmp_path: Path
+) -> None:
+    folder = write_run(tmp_path, finished=finished)
+    rows = (folder / "metrics.jsonl").read_text()
+    (folder / "metrics.jsonl").write_text(2 * rows)
+    line = rows.count("\n") + 1
+    with pytest.raises(RunFolderError, match=f"several runs: line {line} .* 0 and follows {after}"):
+        read(folder)
 
 
 def test_runs_of_one_name_on_two_plants_are_refused_by_what_differs(tmp_path: Path) -> None:

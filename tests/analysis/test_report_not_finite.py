@@ -24,7 +24,7 @@ def without_costs(folder: Path) -> Path:
     """Write that no evaluation while tuning had a finite cost, and return the folder."""
     rows = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
     lost = {"cost_mean": None, "cost_per_episode": [None, None]}
-    rows = [{**row, **lost} if row["kind"] == "eval" else row for row in rows]
+    rows = [{**row, **lost} if row.get("final") is False else row for row in rows]
     (folder / "metrics.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     return folder
 

@@ -59,7 +59,8 @@ def test_the_reserved_names_are_the_keys_of_rows_and_results(tmp_path):
     rows = [row for row in read_metrics(tmp_path) if row["kind"] == "eval"]
     keys = set(read_result(tmp_path)).union(*rows)
     early = {"stopped_by", "finished", "evaluated_after_steps"}  # of a run that was stopped
-    assert keys - {"solver_failures"} | early | {"experiments", "best_trial"} == RESERVED
+    others = {"experiments", "best_trial", "failed_episodes"}
+    assert keys - {"solver_failures"} | early | others == RESERVED
 
 
 @pytest.mark.parametrize("name", ["cost_mean", "terminations", "acceptance_test", "finished"])

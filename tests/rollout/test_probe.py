@@ -199,7 +199,9 @@ def test_no_tuner_sees_a_jump_that_the_plant_cannot_make(executor, capfd):
     assert max(jumps) < 0.31
     told = capfd.readouterr().err
     assert told.count("cannot be saved") == 1
-    assert "tuners cannot try two parameter vectors from one state" in told
+    assert "Tuners cannot try two parameter vectors from one state." in " ".join(told.split())
+    note = told[told.index("note: ") : told.index("counts that.")]
+    assert max(map(len, note.splitlines())) <= 80
 
 
 class Rig(Cart):

@@ -6,9 +6,25 @@ import math
 import numpy as np
 import pytest
 
+import zoac
 from zoac.core.errors import ConfigError, RunFolderError
 from zoac.runs import schema
 from zoac.runs.export import FORMATS, export
+
+RUN = {name: {} for name in schema.OF_EVERY_RUN} | {
+    "format": schema.FORMAT, "task": "t", "tuner": "u", "seed": 0, "variant": None,
+    "config_hash": "c",
+}  # fmt: skip
+RESULT = {
+    **{key: RUN[key] for key in ("format", *schema.IDENTITY)}, "env_steps": 5, "wall_seconds": 1.0,
+    "cost_mean": 1.0, "cost_per_episode": [1.0], "parameters": {"k": 1.0}, "warnings": [],
+}  # fmt: skip
+
+
+def write(folder, result):
+    schema.write_json(folder / schema.RUN, RUN)
+    schema.write_json(folder / schema.RESULT, result)
+
 
 BAD = [math.nan, math.inf, -math.inf]
 
@@ -59,13 +75,44 @@ def test_a_run_json_without_one_of_its_keys_is_refused_by_that(tmp_path, key):
 def test_costs_that_are_null_are_read_as_nan(tmp_path):
     row = {"kind": "eval", "cost_mean": math.inf, "cost_per_episode": [1.0, math.inf]}
     (tmp_path / schema.METRICS).write_text(schema.json_line(row))
-    result = {"format": 1, "variant": None, **row}
-    schema.write_json(tmp_path / schema.RESULT, result)
+    result = {**RESULT, **row}
+    write(tmp_path, result)
     strict((tmp_path / schema.RESULT).read_text())
     for read in (schema.read_metrics(tmp_path)[0], schema.read_result(tmp_path)):
         assert math.isnan(read["cost_mean"])
         np.testing.assert_array_equal(read["cost_per_episode"], [1.0, math.nan])
     assert schema.read_result(tmp_path)["variant"] is None
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "told"),
+    [("specs", 3, "specs=3: input should be a valid list"),
+     ("specs", [3], r"specs\[0\]=3: input should be a valid dict"),
+     ("specs", [{"spec": 3}], r"specs\[0\].spec=3: input should be a valid string"),
+     ("cost_mean", "x", "cost_mean='x': input should be a valid number"),
+     ("cost_per_episode", ["x"], r"cost_per_episode\[0\]='x': input should be a valid number"),
+     ("parameters", None, "parameters=None: input should be a valid dict")],
+)  # fmt: skip
+def test_a_result_with_a_value_of_another_type_is_refused_by_its_key(tmp_path, key, value, told):
+    write(tmp_path, RESULT)
+    assert schema.read_result(tmp_path) == RESULT
+    write(tmp_path, {**RESULT, key: value})
+    with pytest.raises(RunFolderError, match=rf"result\.json: {told}"):
+        schema.read_result(tmp_path)
+
+
+def test_a_result_without_parameters_is_refused(tmp_path):
+    write(tmp_path, {key: value for key, value in RESULT.items() if key != "parameters"})
+    with pytest.raises(RunFolderError, match=r"result\.json: parameters: a value is needed"):
+        schema.read_result(tmp_path)
+
+
+@pytest.mark.parametrize("key", schema.IDENTITY)
+def test_a_result_of_another_run_is_refused_by_what_differs(tmp_path, key):
+    write(tmp_path, {**RESULT, key: "other"})
+    told = f"run.json and result.json disagree on {key}: {RUN[key]!r} and 'other'"
+    with pytest.raises(RunFolderError, match=told):
+        zoac.load_result(tmp_path)
 
 
 @pytest.mark.parametrize("bad", [*BAD, np.float32(np.nan), np.float64(np.inf)])

@@ -356,8 +356,13 @@ def test_a_line_that_a_crash_cut_is_survived(tmp_path):
 
 @pytest.mark.parametrize(
     ("line", "says"),
-    [("{", "line 2 is damaged"), ('{"kind": "told", "number": 1, "time": 0, "cost": 1}',
-                                  "two results of trial 1")],
+    [("{", "line 2 is damaged"),
+     ('{"kind": "told", "number": 1, "time": 0, "cost": "x"}', "line 2 is damaged"),
+     ('{"kind": "told", "number": 1, "cost": 1}', "line 2 is damaged"),
+     ('{"kind": "told", "number": 1, "time": 0, "cost": 1, "metrics": 3}', "line 2 is damaged"),
+     ('{"kind": "asked", "number": 2, "time": 0, "by": "", "x": [0]}', "line 2 is damaged"),
+     ('{"kind": "over", "number": 1, "time": 0}', "line 2 is damaged"),
+     ('{"kind": "told", "number": 1, "time": 0, "cost": 1}', "two results of trial 1")],
 )  # fmt: skip
 def test_other_damage_is_refused(line, says, tmp_path):
     made = study(tmp_path)

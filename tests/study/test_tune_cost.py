@@ -87,6 +87,22 @@ def test_exceptions_are_failures_and_the_first_reason_is_kept():
     assert result.parameters["ki"] <= 2.0
 
 
+def test_an_answer_that_failed_in_one_of_its_experiments_is_told():
+    seen = []
+
+    def cost(p):
+        seen.append(p)
+        if seen.count(p) == 2:
+            raise RuntimeError("unstable")
+        return 0.0 if p["kp"] == 10.0 else 1.0
+
+    result = tune(cost, tuner="cmaes", acceptance_test=0.25)
+    again = next(k for k, p in enumerate(seen, start=1) if k > 1 and p == seen[0])
+    (told,) = result.warnings
+    assert told.startswith("The answer failed in 1 of its ")
+    assert told.endswith(f"the first is experiment {again}.")
+
+
 def test_a_failure_without_a_reason_does_not_break_the_last_lines(tmp_path, capsys):
     study = Study(SPACE, tmp_path, experiments=3, baseline=BASELINE, tuner="random")
     study.tell(study.ask(), failed="")

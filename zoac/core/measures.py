@@ -26,8 +26,8 @@ RESERVED = frozenset({
     "env_steps", "cost_mean", "cost_std", "cost_per_episode", "episode_lengths", "terminations",
     "violations", "violations_by_constraint", "env_restarts", "tuning_terminations",
     "baseline_cost_mean", "baseline", "acceptance_test", "select", "held_specs", "shown",
-    "warnings", "failures", "first_failure", "specs", "by_spec", "stopped_by", "finished",
-    "evaluated_after_steps", "experiments", "best_trial", *CLOCKS,
+    "warnings", "failures", "first_failure", "failed_episodes", "specs", "by_spec", "stopped_by",
+    "finished", "evaluated_after_steps", "experiments", "best_trial", *CLOCKS,
 })  # fmt: skip
 """Keys of evaluation rows and of results, which no metric may take. `solver_failures` is
 free: a metric of that name counts an evaluation's, `result.json` those of the whole run."""

@@ -38,7 +38,8 @@ def evaluation_row(
 ) -> dict[str, Any]:
     """Return the numbers of an evaluation, with undiscounted plain costs.
 
-    Metrics leave out steps that failed; the mean over no step at all is None.
+    Metrics leave out steps that failed; the mean over no step at all is None. If an episode failed,
+    `failed_episodes` has their `count` and why the `first` did.
 
     Raises:
         ConfigError: If a metric or constraint does not return one number per step.
@@ -54,6 +55,8 @@ def evaluation_row(
         "terminations": sum(s.terminated for s in segments),
         **violations(segments, constraints, specs),
     }
+    if failures := [s.failure for s in segments if s.failure is not None]:
+        row["failed_episodes"] = {"count": len(failures), "first": failures[0]}
     for metric in metrics:
         measured = [s.measured() for s in segments]
         values = np.concatenate([np.zeros(0), *(metric.values(s) for s in measured if s.length)])

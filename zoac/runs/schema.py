@@ -22,7 +22,9 @@ from typing import Any
 import numpy as np
 
 from zoac.config.settings import WITHOUT_EFFECT
-from zoac.core.errors import RunFolderError
+from zoac.config.validate import check_arguments
+from zoac.core.errors import ConfigError, RunFolderError
+from zoac.core.types import Natural
 
 FORMAT = 1
 RUN, METRICS, RESULT = "run.json", "metrics.jsonl", "result.json"
@@ -37,6 +39,8 @@ OF_EVERY_RUN = (
     "versions", "machine", "commit",
 )  # fmt: skip
 """Keys that every `run.json` has."""
+IDENTITY = ("task", "tuner", "seed", "variant", "config_hash")
+"""Keys on which a run's files must agree."""
 
 
 def config_hash(config: Mapping[str, Any]) -> str:
@@ -139,10 +143,61 @@ def read_result(folder: Path) -> dict[str, Any]:
     """Return `result.json`.
 
     Raises:
-        RunFolderError: If it is missing (the run is not finished), damaged or of another format.
+        RunFolderError: If it is missing (the run is not finished), damaged, of another format or
+            of another run than `run.json`.
     """
-    result = _read_json(Path(folder) / RESULT)
+    path = Path(folder) / RESULT
+    result, run = _read_json(path), read_run(folder)
+    for key in IDENTITY:
+        if result.get(key) != run[key]:
+            raise RunFolderError(
+                f"{folder}: {RUN} and {RESULT} disagree on {key}: {run[key]!r} and "
+                f"{result.get(key)!r}"
+            )
+    try:
+        check_arguments(_result, plain(result), "")
+        for k, row in enumerate(result.get("specs", [])):
+            check_arguments(_spec, plain(row), f"specs[{k}]")
+    except ConfigError as error:
+        raise RunFolderError(f"{path}: {'; '.join(str(error).splitlines())}") from None
     return {k: _numbers(v) if k in _COSTS else v for k, v in result.items()}
+
+
+_ABSENT: Any = None
+
+
+def _result(
+    *,
+    env_steps: Natural,
+    wall_seconds: float,
+    cost_mean: float | None,
+    cost_per_episode: list[float | None],
+    parameters: dict[str, Any],
+    warnings: list[str],
+    baseline_cost_mean: float | None = None,
+    baseline: dict[str, Any] = _ABSENT,
+    violations_by_constraint: dict[str, dict[str, Any]] = _ABSENT,
+    shown: dict[str, Any] = _ABSENT,
+    specs: list[dict[str, Any]] = _ABSENT,
+    **others: Any,
+) -> None:
+    """Have the keys of `result.json` that are read, and their types, as parameters."""
+
+
+def _spec(
+    *,
+    spec: str,
+    limit: str,
+    value: float | None,
+    met: bool | None,
+    broken: Natural,
+    bad_side: str,
+    baseline: float | None,
+    baseline_met: bool | None,
+    has_baseline: bool,
+    **others: Any,
+) -> None:
+    """Have those of an entry of its `specs`."""
 
 
 _COSTS = ("cost_mean", "cost_std", "cost_per_episode", "baseline_cost_mean")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import zoac
+from tests.envs.test_adapters import Drift
 from tests.runs.training.ziegler_nichols import PI, SPACE, STEPS, Plant
 from tests.support import CountingTask
 from zoac.analysis import report
@@ -69,6 +70,23 @@ def test_broken_constraints_are_told_by_name():
 
 def test_a_cost_that_is_not_finite_is_told():
     assert "not finite in 1 of 2" in warnings(result_of([1.0, np.nan]), [])[0]
+
+
+def test_an_answer_that_fails_at_a_price_is_told():
+    def trips(params, obs):
+        if obs[0] > 1.0:
+            raise RuntimeError("overspeed trip")
+        return -params["k"] * obs[0]
+
+    result = zoac.tune(
+        env=Drift, controller=trips, space={"k": (0, 2)}, tuner="random", budget=100, quiet=True,
+        max_episode_steps=5, final_episodes=4, failure_penalty=0.01,
+    )  # fmt: skip
+    count = result.record["failed_episodes"]["count"]
+    assert 0 < count < 4
+    (told,) = result.warnings
+    assert told.startswith(f"The answer failed in {count} of 4 final episodes. The first: ")
+    assert "RuntimeError: overspeed trip" in told
 
 
 def test_an_earlier_evaluation_that_was_clearly_better_is_told():

@@ -32,6 +32,7 @@ def warnings(
     """
     return [
         *_of_the_cost(result),
+        *_of_failures(result),
         *_of_the_start(result),
         *_of_constraints(result),
         *(unmet := _of_specs(result)),
@@ -46,6 +47,15 @@ def _of_the_cost(result: Mapping[str, Any]) -> Iterator[str]:
     finite = np.isfinite(np.asarray(result["cost_per_episode"]))
     if not finite.all():
         yield f"The cost is not finite in {(~finite).sum()} of {len(finite)} final episodes."
+
+
+def _of_failures(result: Mapping[str, Any]) -> Iterator[str]:
+    failed, episodes = result.get("failed_episodes"), len(result["cost_per_episode"])
+    if failed is not None:
+        yield (
+            f"The answer failed in {failed['count']} of {episodes} final episodes. The first: "
+            f"{failed['first']}"
+        )
 
 
 def _of_the_start(result: Mapping[str, Any]) -> Iterator[str]:

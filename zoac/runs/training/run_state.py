@@ -1,6 +1,7 @@
 """The state of a run: what a checkpoint holds, and how a run goes on from one."""
 
 import sys
+import textwrap
 import time
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -103,15 +104,15 @@ class Environments:
             more = ""
             if self._task.restore_fault is not None:
                 more = (
-                    "tuners cannot try two parameter vectors from one state; a held-out episode "
-                    "ends the episode that the environment was in; "
+                    "Tuners cannot try two parameter vectors from one state. A held-out episode "
+                    "ends the episode that the environment was in. "
                 )
-            print(
-                f"the environment or controller cannot be saved ({reason}): {more}"
-                "if this run is stopped, it continues with new episodes, so its numbers are not "
-                "those of an unbroken run; env_restarts in result.json counts that",
-                file=sys.stderr,
+            told = (
+                f"note: the environment or controller cannot be saved ({reason}). {more}"
+                "If this run is stopped, it goes on with new episodes, and its numbers are not "
+                "those of an unbroken run. env_restarts in result.json counts that."
             )
+            print(textwrap.fill(told, 80, break_long_words=False), file=sys.stderr)
             return None
         return state
 

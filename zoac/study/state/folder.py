@@ -161,7 +161,13 @@ def result(settings: StudySettings, trials: Sequence[Trial], best: Trial) -> dic
             found["baseline_cost_mean"] = mean
             found["baseline"] = {"cost_mean": mean, **good[0].metrics}
     if best.violation > 0:
-        found["warnings"] = ["no experiment kept all constraints; the answer breaks them least"]
+        found["warnings"] += ["no experiment kept all constraints; the answer breaks them least"]
+    same = [t for t in trials if t.x == best.x and not t.pending]
+    if failed := [t.number for t in same if t.state == "failed"]:
+        found["warnings"] += [
+            f"The answer failed in {len(failed)} of its {len(same)} experiments, the first is "
+            f"experiment {failed[0]}."
+        ]
     return found
 
 

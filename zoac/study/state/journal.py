@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from zoac.core.errors import RunFolderError
+from zoac.core.types import is_number
 from zoac.runs.lock import locked
 from zoac.runs.schema import JOURNAL, json_line, sync_folder
 
@@ -63,8 +64,8 @@ class Journal:
             self._lines += 1
             try:
                 row = json.loads(line)
-                row["kind"], row["number"]
-            except (ValueError, KeyError, TypeError):
+                _check(row)
+            except (ValueError, KeyError, TypeError, AttributeError):
                 raise RunFolderError(f"{self.path}: line {self._lines} is damaged") from None
             rows.append(row)
         self._read += len(whole) + len(newline)
@@ -86,3 +87,20 @@ class Journal:
             os.fsync(file.fileno())
         if is_new:
             sync_folder(self.path.parent)
+
+
+def _check(row: dict[str, Any]) -> None:
+    """Raise ValueError, KeyError or TypeError if a row has not what its kind has."""
+    numbers = [row["number"], row["time"]]
+    if row["kind"] == "asked":
+        {**row["parameters"]}, row["by"]
+        numbers += row["x"]
+    elif row["kind"] == "told":
+        numbers += [row["cost"], row.get("excess", 0.0)]
+        for kind in ("metrics", "constraints", "specs"):
+            # Text such as "-inf" stands for what JSON has no number for.
+            numbers += [float(v) for v in row.get(kind, {}).values() if v is not None]
+    elif row["kind"] not in ("failed", "abandoned"):
+        raise ValueError(row["kind"])
+    if not all(map(is_number, numbers)):
+        raise TypeError(numbers)
