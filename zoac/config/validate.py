@@ -109,11 +109,7 @@ def check_arguments(
         for n, p in accepted.items()
         if p.default is p.empty and p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)
     )
-    faults.extend(
-        f"{where}.{name}: a value is needed".removeprefix(".")
-        for name in needed
-        if name not in given
-    )
+    faults.extend(f"{where}.{name}: a value is needed" for name in needed if name not in given)
     if faults:
         raise ConfigError("\n".join(faults))
     return hints

@@ -22,9 +22,7 @@ from typing import Any
 import numpy as np
 
 from zoac.config.settings import WITHOUT_EFFECT
-from zoac.config.validate import check_arguments
-from zoac.core.errors import ConfigError, RunFolderError
-from zoac.core.types import Natural
+from zoac.core.errors import RunFolderError
 
 FORMAT = 1
 RUN, METRICS, RESULT = "run.json", "metrics.jsonl", "result.json"
@@ -41,6 +39,8 @@ OF_EVERY_RUN = (
 """Keys that every `run.json` has."""
 IDENTITY = ("task", "tuner", "seed", "variant", "config_hash")
 """Keys on which a run's files must agree."""
+OF_EVERY_RESULT = ("env_steps", "wall_seconds", "cost_mean", "cost_per_episode", "parameters")
+"""Keys that every `result.json` has beside those."""
 
 
 def config_hash(config: Mapping[str, Any]) -> str:
@@ -154,50 +154,9 @@ def read_result(folder: Path) -> dict[str, Any]:
                 f"{folder}: {RUN} and {RESULT} disagree on {key}: {run[key]!r} and "
                 f"{result.get(key)!r}"
             )
-    try:
-        check_arguments(_result, plain(result), "")
-        for k, row in enumerate(result.get("specs", [])):
-            check_arguments(_spec, plain(row), f"specs[{k}]")
-    except ConfigError as error:
-        raise RunFolderError(f"{path}: {'; '.join(str(error).splitlines())}") from None
+    if missing := [key for key in OF_EVERY_RESULT if key not in result]:
+        raise RunFolderError(f"{path}: a record without {', '.join(missing)}; zoac writes all")
     return {k: _numbers(v) if k in _COSTS else v for k, v in result.items()}
-
-
-_ABSENT: Any = None
-
-
-def _result(
-    *,
-    env_steps: Natural,
-    wall_seconds: float,
-    cost_mean: float | None,
-    cost_per_episode: list[float | None],
-    parameters: dict[str, Any],
-    warnings: list[str],
-    baseline_cost_mean: float | None = None,
-    baseline: dict[str, Any] = _ABSENT,
-    violations_by_constraint: dict[str, dict[str, Any]] = _ABSENT,
-    shown: dict[str, Any] = _ABSENT,
-    specs: list[dict[str, Any]] = _ABSENT,
-    **others: Any,
-) -> None:
-    """Have the keys of `result.json` that are read, and their types, as parameters."""
-
-
-def _spec(
-    *,
-    spec: str,
-    limit: str,
-    value: float | None,
-    met: bool | None,
-    broken: Natural,
-    bad_side: str,
-    baseline: float | None,
-    baseline_met: bool | None,
-    has_baseline: bool,
-    **others: Any,
-) -> None:
-    """Have those of an entry of its `specs`."""
 
 
 _COSTS = ("cost_mean", "cost_std", "cost_per_episode", "baseline_cost_mean")

@@ -165,7 +165,7 @@ class Study:
         trial: Trial | int,
         cost: Any = None,
         *,
-        failed: str | None = None,
+        failed: str | Exception | None = None,
         trace: pd.DataFrame | None = None,
         metrics: Mapping[str, float] | None = None,
         constraints: Mapping[str, float] | None = None,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from zoac.core.errors import ConfigError, StudyError, suggest
+from zoac.core.errors import ConfigError, StudyError, as_text, suggest
 from zoac.core.measures import refuse_reserved
 from zoac.core.types import is_number
 from zoac.runs.schema import plain
@@ -78,10 +78,12 @@ def reason_of(given: Any) -> dict[str, Any]:
     """Return why an experiment has no cost, as the journal's row holds it.
 
     Raises:
-        ConfigError: If it is no text.
+        ConfigError: If it is neither text nor an exception.
     """
+    if isinstance(given, Exception):
+        given = as_text(given)
     if not isinstance(given, str):
-        raise ConfigError(f"the reason of a failure is {given!r}, expected text")
+        raise ConfigError(f"the reason of a failure is {given!r}, expected text or an exception")
     return {"reason": given}
 
 
