@@ -215,6 +215,10 @@ def test_what_cannot_be_used_is_refused(options, said):
         (control.tf([1, 0], [1, 2, 1]), "a zero at 0"),
         (control.tf([1, 0], [1, 1, 0]), "give plant.minreal"),
         ([], "plant=\\[\\]: expected a system"),
+        (control.tf([math.nan], [1, 1]), r"plant: num=\[nan\]: expected finite numbers"),
+        (control.tf([1], [1, math.inf]), r"plant: den=\[1.0, inf\]: expected finite numbers"),
+        (control.ss([[-1]], [[math.nan]], [[1]], [[0]]), r"plant: B=\[\[nan\]\]: expected finite"),
+        ([lags(), control.frd([1, 2], [1, 2])], "expected a transfer function or a state-space"),
     ],
 )
 def test_a_plant_that_cannot_be_simulated_is_refused(plant, said):
