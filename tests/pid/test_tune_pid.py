@@ -185,6 +185,7 @@ def test_an_environment_is_tuned_from_the_gains_of_today(monkeypatch):
         ({"objective": "iea"}, "objective='iea'"),
         ({"objective": specs.peak("y", max=1.0)}, "a spec without a limit"),
         ({"input_limits": (1.0, 2.0)}, "expected \\(low, high\\) around 0"),
+        ({"input_limits": (2, -2)}, r"^input_limits=\(2, -2\): expected \(low, high\)"),
         ({"input_limits": 12}, "input_limits=12: expected \\(low, high\\)"),
         ({"noise": -1.0}, "noise=-1.0"),
         ({"sample_time": 0.0}, "sample_time=0.0"),

@@ -169,6 +169,7 @@ def test_the_later_an_episode_ends_the_less_it_breaks_and_always_more_than_any_e
             lambda: specs.rise_time(low=10, high=90),
             "low=10, high=90, expected fractions of the step",
         ),
+        (lambda: specs.peak(0.5), r"peak\(0.5,\): expected names of signals"),
         (lambda: specs.rise_time(low=0.9, high=0.1), "low=0.9, high=0.1, .* 0 <= low < high <= 1"),
         (lambda: specs.steady_state_error(last=5), "last=5, expected a part of the episode"),
         (lambda: specs.steady_state_error(last=-0.1), "last=-0.1, .* above 0 and up to 1"),

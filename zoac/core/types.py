@@ -1,6 +1,7 @@
 """Ranges of numbers that options declare; what counts as a number, and as a finite one."""
 
 import math
+import sys
 from typing import Annotated, Any
 
 import numpy as np
@@ -16,9 +17,13 @@ Fraction = Annotated[float, Field(gt=0, lt=1)]
 
 
 def is_number(value: Any) -> bool:
-    """Tell whether `value` is a real number of Python's or numpy's; True and False are none."""
-    kinds = (int, float, np.integer, np.floating)
-    return isinstance(value, kinds) and not isinstance(value, bool)
+    """Tell whether `value` is a real number of Python's or numpy's, no larger than floats can be.
+
+    True and False are none.
+    """
+    if isinstance(value, int):
+        return not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    return isinstance(value, float | np.integer | np.floating)
 
 
 def all_finite(array: np.ndarray) -> bool:

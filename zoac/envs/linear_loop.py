@@ -141,7 +141,8 @@ def refuse_not_finite(system: Any) -> None:
         raise ConfigError(f"plant: a {kind}; expected a transfer function or a state-space model")
     for name, values in numbers.items():
         if not np.isfinite(values).all():
-            raise ConfigError(f"plant: {name}={np.asarray(values).tolist()}: expected finite numbers")
+            given = np.asarray(values).tolist()
+            raise ConfigError(f"plant: {name}={given}: expected finite numbers")
 
 
 class LoopVecEnv(ArrayVecEnv):

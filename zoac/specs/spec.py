@@ -76,6 +76,8 @@ class Spec:
     beyond: Callable[..., float] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        if not all(isinstance(signal, str) for signal in self.signals):
+            raise ConfigError(f"{self.name}{self.signals}: expected names of signals; limits: max=")
         for side, limit in (("max", self.max), ("min", self.min)):
             if limit is not None and not (is_number(limit) and math.isfinite(limit)):
                 raise ConfigError(f"{self}: {side}={limit!r}, expected a finite number")
