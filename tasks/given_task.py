@@ -10,6 +10,7 @@ from zoac.config.files import configuration
 from zoac.core.errors import ConfigError, option_names, suggest
 from zoac.envs.single_env import EnvSource
 from zoac.rollout.task import Task
+from zoac.tasks.user_space import parse_space
 from zoac.tasks.user_specs import require
 from zoac.tasks.user_task import user_task
 
@@ -60,10 +61,12 @@ def given_task(
         doubled.append("objective")
     if doubled:
         raise ConfigError(f"give either task or env, controller and space; not {doubled} too")
+    if not isinstance(task, Task | str):
+        raise ConfigError(f"task={task!r}: expected a Task, or the name of a built-in one")
     made = make_task(task) if isinstance(task, str) else copy(task)
     require(made, options)
     if options["baseline"] is not None:
-        made.baseline = dict(options["baseline"])
+        _, _, made.baseline = parse_space(made.space, options["baseline"])
     return made
 
 

@@ -90,7 +90,7 @@ def _parameter(name: str, fields: dict[str, Any]) -> Parameter:
         if "choices" in fields:
             return choice(name, fields.pop("choices"), **fields)
         return Parameter(name=name, **fields)
-    except TypeError:
+    except (TypeError, OverflowError):  # which a whole number that no float can hold raises
         raise ConfigError(
             f"space[{name!r}]={dict(fields)!r}: expected low and high, and if wanted "
             "scale ('linear', 'log' or 'integer'), unit, baseline; or choices"

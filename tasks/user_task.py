@@ -117,7 +117,8 @@ class UserTask(Task):
                 f"most {MAX_STEPS:,}"
             )
         for what, numbers in (("plant", plant), ("vary", vary)):
-            if not isinstance(numbers, Mapping | None):
+            by_name = isinstance(numbers, Mapping) and all(isinstance(k, str) for k in numbers)
+            if not (by_name or numbers is None):
                 raise ConfigError(f"{what}={numbers!r}: expected numbers by attribute")
         of_fmu = {"observations": observations, "actions": actions, "cost": cost,
                   "step_size": step_size, "stop_time": stop_time}  # fmt: skip
@@ -143,7 +144,7 @@ class UserTask(Task):
         self._plant, self._vary = dict(plant or {}), dict(vary or {})
         self._objective = of_env
         self.objective = objective_text(self.specs, str(Objective(of_env)))
-        self.signals = signals_of(signals or {})
+        self.signals = signals_of({} if signals is None else signals)
         if self.signals or self.specs:
             with self._env_once() as env_once:
                 self.sample_time = sample_time_of(sample_time, env_once)

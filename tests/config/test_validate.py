@@ -1,4 +1,6 @@
+import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Literal
 
 import pytest
@@ -81,3 +83,24 @@ def test_a_target_that_takes_anything_is_given_anything():
     def anything(**options: object) -> None: ...
 
     check_arguments(anything, {"a": 1}, "tuner")
+
+
+def named(name: str, folder: str | Path | None = None, mode: Literal["a", "b"] = "a") -> None: ...
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("name", "name=nan: input should be a valid string"),
+        ("folder", "folder=nan: input should be a valid string"),
+        ("mode", "mode=nan: input should be 'a' or 'b'"),
+    ],
+)
+def test_where_text_is_expected_nan_is_told_so(option, said):
+    with pytest.raises(ConfigError, match=said):
+        check_arguments(named, {"name": "x", option: math.nan}, "")
+
+
+def test_a_whole_number_that_no_float_can_hold_is_refused():
+    with pytest.raises(ConfigError, match="larger than any float; expected a finite number"):
+        check(count=10**400)

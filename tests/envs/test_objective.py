@@ -105,7 +105,7 @@ def test_numbers_may_come_as_arrays_of_one_and_nothing_else_may():
         objective.cost(0.0, {"cost": None}, 1)
 
 
-@pytest.mark.parametrize("name", ["costs", "info:", "info", "", None, 3])
+@pytest.mark.parametrize("name", ["costs", "info:", "info", "", None, 3, np.ones(2)])
 def test_an_unknown_objective_is_refused_with_the_known_ones(name):
     with pytest.raises(ConfigError, match="objective=.* known: auto, cost, info:<key>, reward"):
         user_task(env=Drift, controller=lambda p, o: 0.0, space={"k": (0, 1)}, objective=name)

@@ -89,6 +89,9 @@ def test_a_whole_number_varies_in_a_run():
         ({"vary": {"mass": (-1e308, 1e308)}}, "expected .* a finite distance apart"),
         ({"vary": {"mass": (2, 1)}}, r"vary.mass=\(2, 1\): expected \[low, high\]"),
         ({"vary": {"mass": (1, 2, 3)}}, r"vary.mass=\(1, 2, 3\): expected \[low, high\]"),
+        ({"plant": {1: 2.0}}, "Tank has no number 1 to set"),
+        ({"vary": {(1,): (1, 2)}}, r"Tank has no number \(1,\) to set"),
+        ({"plant": {"mass": 10**400}}, "plant.mass=1000.*: expected a finite number"),
         ({"vary": {"mass": 1.0}}, r"vary.mass=1.0: expected \[low, high\]"),
     ],
 )

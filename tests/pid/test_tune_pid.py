@@ -185,6 +185,7 @@ def test_an_environment_is_tuned_from_the_gains_of_today(monkeypatch):
         ({"objective": "iea"}, "objective='iea'"),
         ({"objective": specs.peak("y", max=1.0)}, "a spec without a limit"),
         ({"input_limits": (1.0, 2.0)}, "expected \\(low, high\\) around 0"),
+        ({"input_limits": (2, -2)}, r"^input_limits=\(2, -2\): expected \(low, high\)"),
         ({"input_limits": 12}, "input_limits=12: expected \\(low, high\\)"),
         ({"noise": -1.0}, "noise=-1.0"),
         ({"sample_time": 0.0}, "sample_time=0.0"),
@@ -215,6 +216,10 @@ def test_what_cannot_be_used_is_refused(options, said):
         (control.tf([1, 0], [1, 2, 1]), "a zero at 0"),
         (control.tf([1, 0], [1, 1, 0]), "give plant.minreal"),
         ([], "plant=\\[\\]: expected a system"),
+        (control.tf([math.nan], [1, 1]), r"plant: num=\[nan\]: expected finite numbers"),
+        (control.tf([1], [1, math.inf]), r"plant: den=\[1.0, inf\]: expected finite numbers"),
+        (control.ss([[-1]], [[math.nan]], [[1]], [[0]]), r"plant: B=\[\[nan\]\]: expected finite"),
+        ([lags(), control.frd([1, 2], [1, 2])], "expected a transfer function or a state-space"),
     ],
 )
 def test_a_plant_that_cannot_be_simulated_is_refused(plant, said):

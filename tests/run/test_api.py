@@ -1,3 +1,4 @@
+import math
 import os
 import re
 import subprocess
@@ -233,6 +234,12 @@ def test_a_built_in_task_by_name():
     [
         ({"tuner": "zoca"}, "did you mean 'zoac'"),
         ({"tuner": 5}, "tuner=5: input should be a valid string"),
+        ({"tuner": math.nan}, "tuner=nan: input should be a valid string"),
+        ({"budget": np.ones(2)}, r"budget: expected no array, got one of shape \(2,\)"),
+        ({"failure_penalty": np.ones(())}, r"failure_penalty: expected no array"),
+        ({"failure_penalty": np.bool_(True)}, "failure_penalty=True: input should be"),
+        ({"env": (k for k in ())}, "env"),
+        ({"plant": {(1,): 2.0}}, r"plant=\{\(1,\): 2.0\}: expected numbers by attribute"),
         ({"tuner_options": "sigma"}, "tuner_options='sigma': input should be a valid dictionary"),
         ({"tuner": "zoac", "tuner_options": {"sgima": 1}}, "did you mean 'exploration.sigma'"),
         (
@@ -325,3 +332,15 @@ def test_a_sampled_start_on_common_episodes_is_told_and_changes_what_is_tuned():
 def test_an_unknown_option_gets_the_nearest_or_its_present_name(option, said):
     with pytest.raises(ConfigError, match=f"no option '{option}'; {said}"):
         tune(**{option: 3})
+
+
+@pytest.mark.parametrize("task", [["pid_acc"], 3, Sized])
+def test_what_is_no_task_is_refused(task):
+    with pytest.raises(ConfigError, match="^task=.*: expected a Task, or the name of a built-in"):
+        zoac.tune(task=task)
+
+
+@pytest.mark.parametrize("baseline", [[1.0, 2.0], 3.0, "Kp"])
+def test_the_baseline_of_a_built_in_task_is_values_by_name(baseline):
+    with pytest.raises(ConfigError, match="^baseline=.*: expected values by name"):
+        zoac.tune(task="pid_acc", baseline=baseline)

@@ -60,7 +60,7 @@ def test_signals_may_be_given_and_the_callers_task_stays_as_it_is():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"tuner": "zoac", "specs": [ERROR]}, "give a tuner that asks for these: cmaes_full"),
+        ({"tuner": "zoac", "specs": [ERROR]}, "or one that asks for these: cmaes_full"),
         ({"specs": [specs.peak("clearence_error", max=1)]}, "did you mean 'clearance_error'"),
         ({"task": "mpc_tracking", "specs": [ERROR]}, r"name it: signals=\{'clearance_error'"),
         ({"objective": "cost"}, r"not \['objective'\] too"),

@@ -8,7 +8,7 @@ import pytest
 
 import zoac
 from tests.specs.loops_to_tune import SIGNALS, FirstOrder, proportional, tuned
-from zoac.core.errors import RunFolderError
+from zoac.core.errors import ConfigError, RunFolderError
 from zoac.core.segments import Proposal, Segment
 from zoac.rollout.engine import RolloutEngine
 from zoac.runs import responses
@@ -205,3 +205,23 @@ def test_of_loops_side_by_side_one_is_drawn():
     assert list(first.columns) == ["parameters", "time", "y", "speed 1", "u"]
     assert first["u"][0] == 6
     assert responses.one_loop(table, {"shown": {"loop": 1}})["u"][0] == 7
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        (3, r"plot\(3\): expected a file, such as 'step.png'; formats: .*\.png"),
+        ("step.xyz", r"plot to 'step.xyz': .*known: .*\.pdf, .*\.png"),
+        ("nowhere/step.png", "plot to 'nowhere/step.png': No such file"),
+    ],
+)
+def test_a_figure_that_cannot_be_saved_gets_one_message(result, path, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match=said):
+        result.plot(path)
+
+
+@pytest.mark.parametrize("name", ["step.png", "step.SVG", "step.pdf"])
+def test_a_figure_is_saved_in_the_format_of_its_suffix(result, name, tmp_path):
+    result.plot(tmp_path / name)
+    assert (tmp_path / name).stat().st_size > 1000

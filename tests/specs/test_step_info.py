@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from zoac.specs import requirements
 from zoac.specs import step_info as of
+from zoac.specs.signals import Episode
 
 T = np.linspace(0.0, 10.0, 2001)
 
@@ -123,3 +125,18 @@ def test_means_of_evenly_spaced_samples_are_those_of_the_samples(count):
     assert of.rms(t, y) == np.sqrt(np.mean(y**2))
     part = max(1, round(0.1 * count))
     assert of.steady_state_error(t, y, 0.5) == np.mean(np.abs(0.5 - y)[-part:])
+
+
+def test_the_jump_from_rest_to_the_first_sample_counts_as_no_change():
+    t, u = 0.1 * np.arange(3), np.array([2.0, 1.9, 1.9])
+    assert of.rate(t, u) == pytest.approx(1.0)
+    assert of.total_variation(t, u) == pytest.approx(0.1)
+
+
+def test_what_the_docs_name_beside_a_rate_sees_the_jump_from_rest():
+    u = np.array([2.0, 1.9, 1.9])
+    signals = {"u": u, "du": np.diff(u, prepend=0.0)}
+    episode = Episode(0.1 * np.arange(3), signals)
+    first = requirements.peak("u", max=0.1, window=(0, 0.05))
+    changes = requirements.peak("du", max=0.1)
+    assert [spec.of_episode(episode) for spec in (first, changes)] == [2.0, 2.0]

@@ -119,6 +119,7 @@ class ZoacPlus(TunerStrategy):
     """
 
     whole_episodes = False
+    display_name = PairedZoac.display_name
 
     def __init__(
         self,

@@ -132,8 +132,10 @@ def _refuse_parts_of_episodes(node: Mapping[str, Any]) -> None:
     """Raise if a tuner asks for parts of episodes, over which specs cannot be judged."""
     named = {f"tuner.strategies.{name}": part for name, part in _named_strategies(node).items()}
     for where, part in {"tuner": node, **named}.items():
-        if not _class_of(part, where).whole_episodes:
-            raise ConfigError(f"{part[TARGET]} sees parts of episodes, and {EPISODES_ONLY}")
+        kind = _class_of(part, where)
+        if not kind.whole_episodes:
+            who = f"tuner: {kind.display_name or kind.__name__}" if part is node else where
+            raise ConfigError(f"{who} sees parts of episodes, and {EPISODES_ONLY}")
 
 
 def build_tuner_for(

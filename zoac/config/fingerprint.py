@@ -79,7 +79,8 @@ def name(thing: Any) -> str:
         return name(thing.func)
     if isinstance(thing, gymnasium.Env) and thing.unwrapped.spec is not None:
         return thing.unwrapped.spec.id
-    named = thing if hasattr(thing, "__qualname__") else type(thing)
+    by_itself = hasattr(thing, "__qualname__") and hasattr(thing, "__module__")
+    named = thing if by_itself else type(thing)  # a generator has the first alone
     return f"{named.__module__}.{named.__qualname__}"
 
 

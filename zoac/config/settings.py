@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields
 from enum import Enum
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
+import numpy as np
 from pydantic import Field
 
 from zoac.core.types import Count, Fraction, Natural, NonNegative, is_number
@@ -112,6 +113,8 @@ def whole_numbers(owner: type, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _whole(value: Any, hint: Any) -> Any:
+    if isinstance(value, np.bool_):
+        return bool(value)
     if not is_number(value):
         return value
     whole = int in (hint, *get_args(hint)) and value % 1 == 0

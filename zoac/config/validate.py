@@ -12,7 +12,8 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from pydantic import (
     ConfigDict,
@@ -23,6 +24,7 @@ from pydantic import (
 )
 
 from zoac.core.errors import ConfigError, as_text, nearest, suggest
+from zoac.core.types import is_number
 
 TARGET = "_target_"
 
@@ -153,7 +155,9 @@ def _hints(target: Any) -> dict[str, Any]:
 
 def _faults(value: Any, hint: Any, where: str) -> list[str]:
     """Return what is wrong with `value` as a `hint`, one message each."""
-    if isinstance(value, float) and not math.isfinite(value):
+    if isinstance(value, int) and not (isinstance(value, bool) or is_number(value)):
+        return [f"{where}={_short(value)}: larger than any float; expected a finite number"]
+    if isinstance(value, float) and not math.isfinite(value) and _takes_numbers(hint):
         named = "NaN" if math.isnan(value) else f"{value}"
         return [f"{where}: {named} is not a value; expected a finite number"]
     if isinstance(value, list):
@@ -178,6 +182,12 @@ def _faults(value: Any, hint: Any, where: str) -> list[str]:
     except PydanticUserError:  # a hint whose parts are imported for type checkers only
         return []
     return []
+
+
+def _takes_numbers(hint: Any) -> bool:
+    """Tell whether a hint is of a number, or of one among others; Any is."""
+    parts = get_args(hint) if get_origin(hint) in (Annotated, Union, UnionType) else ()
+    return hint in (Any, int, float) or any(map(_takes_numbers, parts))
 
 
 def _short(value: Any) -> str:

@@ -73,7 +73,8 @@ class PID:
         b: Weight of the reference in the proportional part.
         c: Weight of the reference in the derivative part.
         output_limits: Smallest and largest output.
-        rate_limit: Largest change of the output per second.
+        rate_limit: Largest change of the output per second; without `initial_output` from the
+            second step on, because the output before the first is then not known.
         anti_windup: "clamping" holds the integral while the output is limited and the error would
             drive it further; "back_calculation" leads it back with the time constant
             `tracking_time`.

@@ -16,7 +16,8 @@ def export_pid(pid: PID, parameters: Mapping[str, float], path: str | Path) -> P
         parameters: Its gains, in the form of `pid`.
         path: `.h` (a state struct, `pid_init` and `pid_step`, without dependencies, to be included
             once), `.c` (the same, to be linked: its first lines are the declarations for others),
-            `.m` (MATLAB's `pid(Kp, Ki, Kd, Tf, Ts)`), `.py` (a function `step(r, y)`).
+            `.m` (MATLAB's `pid(Kp, Ki, Kd, Tf, Ts)`), `.py` (a function `step(r, y)`;
+            the file imports zoac and NumPy).
 
     Raises:
         ConfigError: If the suffix is unknown, a gain is misspelt or not finite, or the file cannot

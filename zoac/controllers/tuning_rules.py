@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from zoac.core.errors import ConfigError, suggest
+from zoac.envs.linear_loop import refuse_not_finite
 
 FILTER = 0.1
 """Tf over the derivative time."""
@@ -48,7 +49,8 @@ def gains(
 
     Raises:
         ConfigError: If the rule is unknown, or the plant is not one for the rule: its static gain
-            is 0, it integrates twice, or it has complex poles without damping.
+            is 0, it integrates twice, it has complex poles without damping, or a number of it is
+            not finite.
     """
     _refuse_without_answer(plant)
     delay = dead_time + sample_time / 2
@@ -76,6 +78,7 @@ def _refuse_without_answer(plant: Any) -> None:
     Raises:
         ConfigError: If `plant` is one.
     """
+    refuse_not_finite(plant)
     poles, zeros = plant.poles(), plant.zeros()
     found = None
     if np.any((np.abs(poles.imag) > 1e-9) & (poles.real > -1e-9 * np.abs(poles))):

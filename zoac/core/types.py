@@ -17,13 +17,13 @@ Fraction = Annotated[float, Field(gt=0, lt=1)]
 
 
 def is_number(value: Any) -> bool:
-    """Tell whether `value` is a real number of Python's or numpy's; True and False are none.
+    """Tell whether `value` is a real number of Python's or numpy's, no larger than floats can be.
 
-    Nor is a whole number that is too large for a float.
+    True and False are none.
     """
-    kinds = (int, float, np.integer, np.floating)
-    too_large = isinstance(value, int) and abs(value) > sys.float_info.max
-    return isinstance(value, kinds) and not isinstance(value, bool) and not too_large
+    if isinstance(value, int):
+        return not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    return isinstance(value, float | np.integer | np.floating)
 
 
 def all_finite(array: np.ndarray) -> bool:

@@ -86,8 +86,8 @@ class GymnasiumVecEnv(VecEnv):
                 f"the environment's actions are {first.action_space}; expected a Box or Discrete"
             )
         size = int(np.prod(first.observation_space.shape))
-        observations = Box(-np.inf, np.inf, (size,), np.float64)
-        actions = Box(-np.inf, np.inf, (int(np.prod(first.action_space.shape)),), np.float64)
+        flat = int(np.prod(first.action_space.shape or ()))
+        observations, actions = (Box(-np.inf, np.inf, (k,), np.float64) for k in (size, flat))
         limits = [max_episode_steps, own_time_limit(first)]
         limit = min((steps for steps in limits if steps is not None), default=None)
         super().__init__(len(envs), observations, actions, limit or MAX_EPISODE_STEPS)

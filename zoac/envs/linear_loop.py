@@ -77,8 +77,9 @@ def sampled(system: Any, sample_time: float, dead_time: float = 0.0) -> SampledP
         dead_time: L [s].
 
     Raises:
-        ConfigError: If it is discrete or not proper, has several inputs or outputs, or hands its
-            input on to its output at once: such a loop has no order of computation.
+        ConfigError: If it is discrete or not proper, has several inputs or outputs or a number that
+            is not finite, or hands its input on to its output at once: such a loop has no order of
+            computation.
     """
     import control
 
@@ -94,6 +95,7 @@ def sampled(system: Any, sample_time: float, dead_time: float = 0.0) -> SampledP
             f"plant: sampled every {system.dt:g} s; expected a continuous system, which is sampled "
             "here together with its dead time"
         )
+    refuse_not_finite(system)
     if len(system.zeros()) > len(system.poles()):
         raise ConfigError(
             "plant: more zeros than poles, which nothing can be; add the lag of the sensor"
@@ -120,6 +122,27 @@ def sampled(system: Any, sample_time: float, dead_time: float = 0.0) -> SampledP
     rest, late = held(sample_time - early)
     _, first = held(early)
     return SampledPlant(a, rest @ first, late, space.C[0], through, delay)
+
+
+def refuse_not_finite(system: Any) -> None:
+    """Refuse a system of python-control that is no model, or whose numbers are not all finite.
+
+    Raises:
+        ConfigError: If `system` is one.
+    """
+    import control
+
+    if isinstance(system, control.TransferFunction):
+        numbers = {"num": system.num[0][0], "den": system.den[0][0]}
+    elif isinstance(system, control.StateSpace):
+        numbers = {"A": system.A, "B": system.B, "C": system.C, "D": system.D}
+    else:
+        kind = type(system).__name__
+        raise ConfigError(f"plant: a {kind}; expected a transfer function or a state-space model")
+    for name, values in numbers.items():
+        if not np.isfinite(values).all():
+            given = np.asarray(values).tolist()
+            raise ConfigError(f"plant: {name}={given}: expected finite numbers")
 
 
 class LoopVecEnv(ArrayVecEnv):

@@ -23,8 +23,9 @@ class Objective:
         Raises:
             ConfigError: If the name is none of these.
         """
-        kind, _, key = name.partition(":") if isinstance(name, str) else ("", "", "")
-        if not (name in KNOWN[:3] or (kind == "info" and key)):
+        text = name if isinstance(name, str) else ""
+        kind, _, key = text.partition(":")
+        if not (text in KNOWN[:3] or (kind == "info" and key)):
             more = "; or a spec, such as zoac.specs.itae('y', 'r')"
             raise ConfigError(f"objective={name!r}: {suggest(str(name), KNOWN)}{more}")
         self._auto = name == "auto"

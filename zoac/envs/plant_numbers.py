@@ -97,7 +97,7 @@ def lost_number(env: gymnasium.Env, twin: gymnasium.Env) -> str | None:
 
 
 def _found(inner: gymnasium.Env, name: str) -> Any:
-    found = getattr(inner, name, None)
+    found = getattr(inner, name, None) if isinstance(name, str) else None
     if not isinstance(found, _NUMBERS):
         raise ConfigError(
             f"{type(inner).__name__} has no number {name!r} to set; {_nearest(inner, name)}"

@@ -160,7 +160,8 @@ def tune_pid(
         ConfigError: If something given cannot be used.
     """
     limits = (-math.inf, math.inf) if input_limits is None else input_limits
-    if not (isinstance(limits, tuple | list) and len(limits) == 2 and all(map(is_number, limits))):
+    pair = isinstance(limits, tuple | list) and len(limits) == 2 and all(map(is_number, limits))
+    if not (pair and limits[0] < limits[1]):
         raise ConfigError(f"input_limits={input_limits!r}: expected (low, high), such as (-12, 12)")
     limits = (float(limits[0]), float(limits[1]))
     required = specs_of(specs)
@@ -169,7 +170,7 @@ def tune_pid(
         raise ConfigError("plant=[]: expected a system of python-control, or several")
     if not hasattr(systems[0], "poles"):
         for name, value in (("dead_time", dead_time), ("noise", noise)):
-            if value:
+            if not is_number(value) or value:
                 raise ConfigError(f"{name}={value!r}: an environment has its own")
         pid = PID(sample_time=sample_time, r=1, output_limits=limits)
         return _in_environment(plant, pid, structure, required, objective, baseline, seed)

@@ -8,6 +8,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from zoac.config import factory
 from zoac.config.auto_tuner import budget_of, tuner_for
 from zoac.config.files import AUTO, configuration
@@ -152,6 +154,12 @@ def tune(
     arguments = locals()
     named = ("tuner", "tuner_options", "executor", "folder", "resume")
     check_arguments(tune, {name: arguments[name] for name in named}, "")
+    for name, value in {**arguments, **settings}.items():
+        if isinstance(value, np.ndarray):
+            raise ConfigError(
+                f"{name}: expected no array, got one of shape {value.shape}; {name}.tolist() makes "
+                "a list or a number of it"
+            )
     if cost is not None:
         return from_tune(arguments, inspect.signature(tune).parameters)
     if workers is not None:

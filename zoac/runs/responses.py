@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zoac.core.errors import RunFolderError, needs_matplotlib
+from zoac.core.errors import ConfigError, RunFolderError, needs_matplotlib, suggest
 from zoac.runs import schema
 from zoac.specs import guides
 from zoac.specs.signals import Episode
@@ -146,6 +146,29 @@ def plot(folder: Path, record: Mapping[str, Any]) -> Figure:
         list(handles.values()), list(handles), loc="outside upper center", ncols=4, frameon=False
     )
     return figure
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure in the format that the suffix names; without a suffix, as `.png`.
+
+    Raises:
+        ConfigError: If Matplotlib does not write such a file, or the file cannot be written.
+    """
+    formats = [f".{name}" for name in figure.canvas.get_supported_filetypes()]
+    if not isinstance(path, str | Path):
+        raise ConfigError(
+            f"plot({path!r}): expected a file, such as 'step.png'; formats: {', '.join(formats)}"
+        )
+    path = Path(path).expanduser()
+    if path.suffix and path.suffix.lower() not in formats:
+        raise ConfigError(f"plot to {path.name!r}: {suggest(path.suffix, formats)}")
+    try:
+        figure.savefig(path)
+    except OSError as error:
+        raise ConfigError(
+            f"plot to {str(path)!r}: {error.strerror}; choose a folder that is there and can be "
+            "written to"
+        ) from None
 
 
 def draw(axes: Axes, table: pd.DataFrame, name: str, specs: Sequence[Mapping[str, Any]]) -> None:

@@ -107,11 +107,12 @@ class Result:
             path: Where to save it as well: `.png`, `.svg`, `.pdf`.
 
         Raises:
+            ConfigError: If Matplotlib does not write such a file, or the file cannot be written.
             RunFolderError: If the task has no signals.
         """
         figure = responses.plot(self.folder, self.record)
         if path is not None:
-            figure.savefig(path)
+            responses.save(figure, path)
         return figure
 
     def __repr__(self) -> str:

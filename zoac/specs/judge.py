@@ -15,8 +15,8 @@ from zoac.specs.signals import Episode, Signal
 from zoac.specs.spec import Spec
 
 EPISODES_ONLY = (
-    "specs are judged over whole episodes; give a tuner that asks for these: cmaes_full, bo, "
-    "optuna, es, nevergrad or random"
+    "specs are judged over whole episodes; choose the tuner auto, or one that asks for these: "
+    "cmaes_full, bo, optuna, es, nevergrad or random"
 )
 
 

@@ -124,12 +124,20 @@ def rms(y: str = "y", **limits: Any) -> Spec:
 
 
 def total_variation(u: str = "u", **limits: Any) -> Spec:
-    """Require the sum of the absolute changes of `u` from sample to sample."""
+    """Require the sum of the absolute changes of `u` from sample to sample.
+
+    The jump from rest to the first sample does not count; see `rate`.
+    """
     return _of("total_variation", u, limits=limits)
 
 
 def rate(u: str = "u", **limits: Any) -> Spec:
-    """Require the largest change of `u` per second."""
+    """Require the largest change of `u` per second, from sample to sample.
+
+    The jump from rest to the first sample does not count, although it is often the largest: what
+    came before is not known. For the slew limit of an actuator that is at rest at 0, add
+    `peak(u, max=..., window=(0, half a step))`, with the largest change of one step as its limit.
+    """
     return _of("rate", u, limits=limits, unit="1/s", timed=True)
 
 

@@ -75,7 +75,12 @@ def info(key: str, unit: str = "") -> Signal:
     Args:
         key: Its key in `info`.
         unit: For people to read.
+
+    Raises:
+        ConfigError: If the key is no text.
     """
+    if not isinstance(key, str):
+        raise ConfigError(f"info({key!r}): expected a key of the environment's info, such as 'y'")
 
     def read(segment: Segment) -> np.ndarray:
         first = segment.diagnostics[INFO_BEFORE + key][:1]

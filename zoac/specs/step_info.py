@@ -118,12 +118,18 @@ def rms(t: np.ndarray, y: np.ndarray) -> float:
 
 
 def total_variation(t: np.ndarray, y: np.ndarray) -> float:
-    """Return the sum of the changes of `y` from sample to sample, each without its sign."""
+    """Return the sum of the changes of `y` from sample to sample, each without its sign.
+
+    The jump from rest to the first sample does not count: what came before it is not known.
+    """
     return float(np.sum(np.abs(np.diff(y)))) if _finite(y) else np.inf
 
 
 def rate(t: np.ndarray, y: np.ndarray) -> float:
-    """Return the largest change of `y` per second."""
+    """Return the largest change of `y` per second, from sample to sample.
+
+    The jump from rest to the first sample does not count: what came before it is not known.
+    """
     if not _finite(y):
         return np.inf
     return float(np.max(np.abs(np.diff(y)) / np.diff(t), initial=0.0))
