@@ -26,6 +26,9 @@ WIDTHS = {"Kp": 30.0, "Ki": 2000.0, "Kd": 30.0, "Tf": 30.0}
 """Bounds of a gain: the best screened one divided and multiplied by this. A step of the reference
 without overshoot may need a very slow integral; where the plant integrates, hardly any."""
 
+EDGE = 0.98
+"""A normalised gain beyond lies at an edge of its box."""
+
 BAND = 0.05
 """Of the step: an output inside has settled, for the length of an episode."""
 
@@ -167,6 +170,21 @@ def _bounds(name: str, best: Gains, today: Gains, sample_time: float) -> Paramet
     edge = now - 0.05 * abs(now) if middle > 0 else now + 0.05 * abs(now)
     low, high = sorted((edge, 2.0 * middle - edge))
     return Parameter(name, low, high, "linear", unit)
+
+
+def widened(space: ParameterSpace, gains: Gains) -> ParameterSpace:
+    """Return the box, wider where `gains` lie at an edge: screening knew nothing of the specs."""
+    found = []
+    for p, x in zip(space.parameters, space.normalise(gains), strict=True):
+        if p.scale == "log" and abs(x) > EDGE:
+            low, high = p.low, p.high
+            if x < 0:
+                low *= 1.0 / WIDTHS[p.name] if low > 0 else WIDTHS[p.name]
+            else:
+                high *= WIDTHS[p.name] if high > 0 else 1.0 / WIDTHS[p.name]
+            p = replace(p, low=low, high=high)
+        found.append(p)
+    return ParameterSpace(found)
 
 
 def candidates(design: Design) -> list[Gains]:

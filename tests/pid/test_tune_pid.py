@@ -298,3 +298,15 @@ def test_the_command_line_is_thin(tmp_path):
     assert "Traceback" not in missing.stderr
     assert main(["--help"]) == 0
     assert main([]) == 1
+
+
+@pytest.mark.parametrize(("structure", "limit"), [("P", 0.5), ("PI", 1.02)])
+def test_a_spec_is_met_outside_the_box_around_the_screened_gains(structure, limit):
+    """The larger Kp the smaller the error, so the box begins at 1.6 and more."""
+    plant = control.tf([1.0], [5.0, 1.0])
+    result = zoac.tune_pid(
+        plant, sample_time=0.1, structure=structure, specs=[specs.peak("u", max=limit)],
+        baseline={"Kp": 2.0, "Ki": 1.0} if structure == "PI" else {"Kp": 2.0},
+    )  # fmt: skip
+    assert result.feasible
+    assert 0.5 * limit < result.parameters["Kp"] <= limit

@@ -21,7 +21,7 @@ from zoac.runs.result import Result
 from zoac.specs.signals import action, observation
 from zoac.specs.spec import Spec
 from zoac.tasks.pid_loop import Design, PidLoop, designed
-from zoac.tasks.pid_loop.design import space_around
+from zoac.tasks.pid_loop.design import space_around, widened
 from zoac.tasks.pid_loop.plants import gains_of
 from zoac.tasks.pid_loop.requirements import objective_of
 from zoac.tasks.user_specs import specs_of
@@ -178,6 +178,12 @@ def tune_pid(
     design = Design(systems, dead_times, sample_time, structure, limits, noise)
     task, remarks = designed(design, baseline, required, objective)
     result = _tuned(task, task.pid, EPISODES, seed, remarks)
+    space = widened(task.space, result.parameters)
+    if not result.feasible and space.parameters != task.space.parameters:
+        task = PidLoop(
+            task.plants, task.pid, space, task.experiment, task.baseline, required, objective
+        )
+        result = _tuned(task, task.pid, EPISODES, seed, remarks)
     return _with_stability(result, task)
 
 
