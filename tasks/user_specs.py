@@ -1,6 +1,5 @@
 """Signals, specs and the sample time of a user's task, from Python or from a YAML file."""
 
-import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -15,6 +14,7 @@ from zoac.core.types import is_number
 from zoac.envs.objective import Objective
 from zoac.rollout.task import Task
 from zoac.specs.judge import check
+from zoac.specs.requirements import refuse_unknown
 from zoac.specs.signals import Signal, action, constant, diagnostic, info, observation
 from zoac.specs.spec import Spec
 
@@ -109,11 +109,7 @@ def _spec(given: Any, where: str) -> Spec:
     if not isinstance(arguments, Mapping):
         raise ConfigError(f"{where}.{name}={arguments!r}: expected arguments by name")
     arguments = dict(arguments)
-    own = [p.name for p in inspect.signature(make).parameters.values() if p.kind != p.VAR_KEYWORD]
-    known = [*own, *(["max", "min"] if own == ["loop"] else LIMITS)]
-    for key in arguments:
-        if key not in known:
-            raise ConfigError(f"{where}.{name}: no argument {key!r}; {suggest(key, known)}")
+    refuse_unknown(make, arguments, f"{where}.{name}")
     if isinstance(loop := arguments.get("loop"), str):
         wanted = "a function of the parameters that returns a system of python-control"
         arguments["loop"] = locate_code(loop, f"{where}.{name}.loop", (), (), wanted)
@@ -121,9 +117,6 @@ def _spec(given: Any, where: str) -> Spec:
         arguments["over"] = requirements.cvar(over["cvar"])
     made: Spec = make(**arguments)
     return made
-
-
-LIMITS = ("max", "min", "over", "weight", "window")
 
 
 def with_objective(specs: tuple[Spec, ...], objective: Any) -> tuple[str, tuple[Spec, ...]]:

@@ -132,7 +132,6 @@ def test_what_cannot_judge_a_trace_is_refused():
         ("- {name: rms, signals: []}", "signals=[], expected a list of the columns that are y"),
         ("- {name: iae, signals: [y, r], window: 3}", "iae: window=3, expected (from, to) in sec"),
         ("- {name: settling_time, signals: [y], bnd: 0.1}", "no argument 'bnd'; did you mean 'ban"),
-        ("- {name: iae, signals: [y], r: q}", "spec 'iae': no argument 'r'; known: max, min"),
     ],
 )
 def test_a_file_that_holds_no_spec_is_answered_with_what_a_spec_is(text, says, tmp_path, capsys):

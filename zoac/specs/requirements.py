@@ -7,10 +7,11 @@ All take the names of signals first, which are `y`, `r` and `u` unless others ar
 keyword `max`, `min`, `over`, `weight` and `window`: see `zoac.specs.Spec`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from inspect import signature
 from typing import Any
 
-from zoac.core.errors import ConfigError
+from zoac.core.errors import ConfigError, suggest
 from zoac.core.types import is_number
 from zoac.specs import loops, step_info
 from zoac.specs.spec import Loop, Spec
@@ -26,6 +27,28 @@ def _of(name: str, *signals: str, limits: dict[str, Any], **others: Any) -> Spec
     if isinstance(window := limits.get("window"), list):  # from a YAML file
         limits["window"] = tuple(window)
     return Spec(name, signals, getattr(step_info, name), **others, **limits)
+
+
+LIMITS = ("max", "min", "over", "weight", "window")
+"""What every requirement on signals takes beside its own arguments."""
+
+
+def own_arguments(make: Callable[..., Spec]) -> list[str]:
+    """Return the names of a requirement's own arguments."""
+    return [p.name for p in signature(make).parameters.values() if p.kind != p.VAR_KEYWORD]
+
+
+def refuse_unknown(make: Callable[..., Spec], given: Mapping[str, Any], where: str) -> None:
+    """Refuse arguments that a requirement does not have.
+
+    Raises:
+        ConfigError: If there is one, with the nearest that it has.
+    """
+    own = own_arguments(make)
+    known = [*own, *(["max", "min"] if own == ["loop"] else LIMITS)]
+    for key in given:
+        if key not in known:
+            raise ConfigError(f"{where}: no argument {key!r}; {suggest(str(key), known)}")
 
 
 PERCENT = 2.0

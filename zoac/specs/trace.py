@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -144,16 +143,15 @@ def from_plain(given: Mapping[str, Any]) -> Spec:
     known = {k: v for k, v in vars(requirements).items() if k[0] != "_" and hasattr(step_info, k)}
     if str(name) not in known:
         raise ConfigError(f"unknown spec {name!r}; {suggest(str(name), known)}")
-    own = [n for n, p in signature(known[name]).parameters.items() if p.kind != p.VAR_KEYWORD]
-    takes = [n for n in own if n in SIGNALS]
+    make = known[name]
+    takes = [n for n in requirements.own_arguments(make) if n in SIGNALS]
     listed = isinstance(signals, list) and all(isinstance(signal, str) for signal in signals)
     if not listed or not 1 <= len(signals) <= len(takes):
         raise ConfigError(
             f"spec {name!r}: signals={signals!r}, expected a list of the columns that are "
             f"{', '.join(takes)}; {EXAMPLE}"
         )
-    for key in options:
-        if key not in (arguments := [*(n for n in own if n not in takes), *LIMITS, "over"]):
-            raise ConfigError(f"spec {name!r}: no argument {key!r}; {suggest(str(key), arguments)}")
-    spec: Spec = known[name](*signals, **options)
+    arguments = {**dict(zip(takes, signals, strict=False)), **options}
+    requirements.refuse_unknown(make, arguments, f"spec {name!r}")
+    spec: Spec = make(**arguments)
     return spec

@@ -23,7 +23,7 @@ from zoac.study.loop import experiments_left
 from zoac.study.proposals import Proposals
 from zoac.study.state import folder as files
 from zoac.study.state.ledger import Ledger
-from zoac.study.state.settings import differing, new_settings
+from zoac.study.state.settings import new_settings
 from zoac.study.state.trial import Trial, measured, number_of, reason_of
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class Study:
         """
         Args:
             space: Bounds by name, as `zoac.tune` takes them; None: open the study in `folder`,
-                whose other settings need not be repeated.
+                whose other settings are then its own.
             folder: Its folder, in which a study of the same settings continues; None: temporary.
             tuner: "bo", "botorch", "cmaes", "cmaes_full", "es", "halving", "nevergrad", "optuna",
                 "random", "smac"; "auto": "bo" for one worker and few experiments, else CMA-ES.
@@ -96,12 +96,9 @@ class Study:
             ConfigError: If something given cannot be used.
             RunFolderError: If the folder holds another study, or cannot be used.
         """
-        check_arguments(
-            Study,
-            {"tuner": tuner, "tuner_options": tuner_options, "baseline_first": baseline_first,
-             "folder": folder, "name": name, "variant": variant},
-            "",
-        )  # fmt: skip
+        text = {"tuner": tuner, "folder": folder, "name": name, "variant": variant}
+        others = {"tuner_options": tuner_options, "baseline_first": baseline_first}
+        check_arguments(Study, {**text, **others}, "")
         if space is None and folder is None:
             raise ConfigError("a study needs a space, or the folder of one that was begun")
         self.folder = path = Path(folder or tempfile.mkdtemp(prefix="zoac-study-")).expanduser()
@@ -112,13 +109,16 @@ class Study:
             "acceptance_test": acceptance_test, "initial_sigma": initial_sigma,
             "initial_samples": initial_samples,
         }  # fmt: skip
+        usual = inspect.signature(Study).parameters
+        extra = [name for name, value in given.items() if value is not usual[name].default]
+        if space is None and extra:
+            raise ConfigError(
+                f"{', '.join(extra)}: a study that is opened by its folder alone keeps its own "
+                "settings; give the space too, or leave this out"
+            )
         settings = None if space is None else new_settings(space, **given)
         called = {"task": name or path.resolve().name, "variant": variant}
         self.settings, self.trial_timeout = files.opened(path, settings, trial_timeout, called)
-        if space is None:
-            usual = inspect.signature(Study).parameters
-            chosen = {k: v for k, v in given.items() if v is not usual[k].default}
-            files.refuse_others(path, differing(self.settings, chosen))
         self._ledger = Ledger(path, self.settings.limits)
         if self.finished and not is_done(path):  # killed before the result was written
             with self._ledger.writing():

@@ -55,25 +55,12 @@ def opened(
         raise RunFolderError(f"{folder} holds a run, not a study; choose another folder")
     found = StudySettings(record["config"], record["tuner"])
     wanted = found if settings is None else settings
-    refuse_others(folder, schema.differing_keys(found.config, wanted.config))
-    return found, trial_timeout or record["study"]["trial_timeout"]
-
-
-def refuse_others(folder: Path, differences: Mapping[str, tuple[Any, Any]]) -> None:
-    """Raise if there are settings that differ from those of the folder's study.
-
-    Args:
-        folder: Of the study.
-        differences: The study's value and the other one, by name.
-
-    Raises:
-        RunFolderError: If there are any.
-    """
-    if differences:
+    if differences := schema.differing_keys(found.config, wanted.config):
         listed = "".join(f"\n  {key}: {a!r}, now {b!r}" for key, (a, b) in differences.items())
         raise RunFolderError(
             f"{folder} holds a study of other settings:{listed}\nuse those, or another folder"
         )
+    return found, trial_timeout or record["study"]["trial_timeout"]
 
 
 def _begin(

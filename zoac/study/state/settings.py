@@ -95,7 +95,7 @@ def new_settings(
             "fixed": fixed,
             "baseline": values or None,
             "limits": _limits(constraints),
-            "specs": _plain_specs(specs),
+            "specs": [as_plain(spec) for spec in specs_of(specs)],
         },
         "tuner": {**node, **options},
         "seed": int(seed),
@@ -105,34 +105,6 @@ def new_settings(
         **others,
     }
     return StudySettings(schema.plain(config), named)
-
-
-def differing(settings: StudySettings, given: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """Return the arguments of a `Study` that differ from its own settings, with both values.
-
-    Args:
-        settings: Of the study.
-        given: Arguments by name. Baseline and tuner's options may leave out some of the study's.
-
-    Raises:
-        ConfigError: If there are specs that a study cannot have.
-    """
-    config = settings.config
-    own = {
-        **config, **config["task"], "tuner": settings.tuner, "tuner_options": config["tuner"],
-        "experiments": settings.experiments, "workers": settings.workers,
-        "constraints": settings.limits,
-    }  # fmt: skip
-    differences = {}
-    for name, value in given.items():
-        mine, now = own[name], value
-        if not is_number(value):  # of a number, NaN stays what it is
-            now = schema.plain(_plain_specs(value) if name == "specs" else value)
-        if name in ("baseline", "tuner_options") and isinstance(now, Mapping):
-            mine = {key: (mine or {}).get(key) for key in now}
-        if now != mine:
-            differences[name] = (mine, now)
-    return differences
 
 
 def seconds(name: str, value: Any, most: float = sys.float_info.max) -> None:
@@ -155,10 +127,6 @@ def _tuner(name: str, dimension: int, experiments: int, workers: int) -> str:
             f"whole experiments only; {suggest(name, TUNERS)}"
         )
     return name
-
-
-def _plain_specs(given: Any) -> list[dict[str, Any]]:
-    return [as_plain(spec) for spec in specs_of(given)]
 
 
 def _refuse_not_finite(of: str, values: Mapping[str, Any]) -> None:
