@@ -11,7 +11,7 @@ from zoac.core.measures import CLOCKS
 
 ROOT = Path(__file__).parents[2]
 SMALL = [
-    "task=pid_acc", "tuner=random", "budget=400", "eval_every=400", "evaluation.episodes=2",
+    "task=lqr", "tuner=random", "budget=400", "eval_every=400", "evaluation.episodes=2",
     "evaluation.final_episodes=3", "task.max_episode_steps=50", "variant=small",
 ]  # fmt: skip
 
@@ -39,11 +39,6 @@ def finish(process):
     """Return exit code, standard output and standard error."""
     out, err = process.communicate(timeout=300)
     return process.returncode, out, err
-
-
-def sweep(*arguments, cwd):
-    """Run a sweep to its end; return exit code, standard output and standard error."""
-    return finish(start("-m", *arguments, cwd=cwd))
 
 
 def results(runs):

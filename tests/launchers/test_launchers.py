@@ -16,7 +16,6 @@ from tests.launchers.support import (
     results,
     running_note,
     start,
-    sweep,
 )  # fmt: skip
 from tests.support import end_within
 from zoac.config.compose import compose_config
@@ -36,8 +35,12 @@ def needs(launcher):
         pytest.skip(f"launcher={launcher} is not installed: pip install 'zoac[{extra}]'")
 
 
+counts_by_proc = pytest.mark.skipif(
+    not Path("/proc/self/environ").exists(), reason="counts processes by /proc"
+)
 # Two runs, and a job that fails between them.
-THREE = [*SMALL, "tuner=es", "seed=0,-1,1"]
+THREE = [*SMALL, "tuner=es", "budget=60000", "checkpoint_seconds=0", "seed=0,-1,1"]
+ENDLESS = ["budget=100000000", "eval_every=100000000", "checkpoint_seconds=0"]
 
 
 @pytest.fixture(scope="module")
@@ -48,12 +51,43 @@ def one_after_the_other(tmp_path_factory):
     return results(folder / "runs")
 
 
-@pytest.mark.parametrize("launcher", PLUGINS)
-def test_every_launcher_gives_the_same_numbers_and_tells_of_failures(
-    launcher, one_after_the_other, tmp_path
+def stop(process, how):
+    """Send a signal to the process of a sweep, or Ctrl-C as a terminal does: to all of them."""
+    if how == "Ctrl-C":
+        os.killpg(process.pid, signal.SIGINT)
+    else:
+        process.send_signal(how)
+
+
+def stop_and_see_its_jobs_end(arguments, how, cwd):
+    """Stop a sweep of two jobs; return its code once no process of it is left."""
+    process = start("-m", *arguments, cwd=cwd)
+    all_running(process, cwd / "runs", 2)
+    stop(process, how)
+    code, _, err = finish(process)
+    assert "Traceback" not in err
+    assert end_within(5.0, f"HOME={cwd}")
+    notes = [json.loads(p.read_text()) for p in cwd.glob("runs/.sweeps/*/[0-9]*.json")]
+    assert {note["state"] for note in notes} <= {"stopped", "failed"}
+    assert [note["state"] for note in notes].count("stopped") == 2
+    assert results(cwd / "runs") == {}
+    return code
+
+
+@counts_by_proc
+@pytest.mark.parametrize(
+    ("launcher", "how"),
+    [("joblib", "Ctrl-C"), ("submitit_local", signal.SIGTERM), ("ray", "Ctrl-C")],
+)
+def test_a_stopped_sweep_goes_on_and_ends_with_the_numbers_of_jobs_one_after_the_other(
+    launcher, how, one_after_the_other, tmp_path
 ):
     needs(launcher)
-    code, out, err = sweep(*THREE, f"launcher={launcher}", cwd=tmp_path)
+    arguments = [*THREE, f"launcher={launcher}"]
+    if launcher == "joblib":
+        arguments.append("hydra.launcher.n_jobs=2")
+    assert stop_and_see_its_jobs_end(arguments, how, tmp_path) == 130
+    code, out, err = finish(start("-m", *arguments, cwd=tmp_path))
     assert len(one_after_the_other) == 2
     assert results(tmp_path / "runs") == one_after_the_other
     assert code == 1
@@ -66,11 +100,25 @@ def test_every_launcher_gives_the_same_numbers_and_tells_of_failures(
     assert "HYDRA" not in out + err
 
 
+@counts_by_proc
+@pytest.mark.parametrize(
+    "through",
+    [
+        ["launcher=joblib", "hydra.launcher.n_jobs=2", "executor=process", "executor.workers=1"],
+        ["launcher=submitit_local"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_jobs_end_with_a_sweep_that_is_killed(through, tmp_path):
+    needs(through[0].removeprefix("launcher="))
+    arguments = [*SMALL, *ENDLESS, "seed=0,1", *through]
+    assert stop_and_see_its_jobs_end(arguments, signal.SIGKILL, tmp_path) == -signal.SIGKILL
+
+
 def test_a_job_that_dies_is_told(tmp_path):
     needs("joblib")
     arguments = [*SMALL, "launcher=joblib", "hydra.launcher.n_jobs=2", "seed=0,1"]
-    endless = ["budget=100000000", "eval_every=100000000", "checkpoint_seconds=0"]
-    process = start("-m", *arguments, *endless, cwd=tmp_path)
+    process = start("-m", *arguments, *ENDLESS, cwd=tmp_path)
     victim = running_note(process, tmp_path / "runs", "seed=1")["pid"]
     os.kill(victim, signal.SIGKILL)
     code, _, err = finish(process)
@@ -100,54 +148,6 @@ def test_a_preempted_job_is_requeued_and_ends_with_the_same_numbers(tmp_path):
     assert "Requeued job" in log
     assert log.count(" 0 steps |") == 1  # it went on, and did not begin anew
     assert results(tmp_path / "parts" / "runs") == results(tmp_path / "whole" / "runs")
-
-
-def stop(process, how):
-    """Send a signal to the process of a sweep, or Ctrl-C as a terminal does: to all of them."""
-    if how == "Ctrl-C":
-        os.killpg(process.pid, signal.SIGINT)
-    else:
-        process.send_signal(how)
-
-
-# Each launcher is killed outright, and told to stop in one of the two ways.
-@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="counts by /proc")
-@pytest.mark.parametrize(
-    ("launcher", "how", "executor"),
-    [
-        ("joblib", signal.SIGKILL, "process"),
-        ("joblib", "Ctrl-C", "serial"),
-        ("submitit_local", signal.SIGTERM, "serial"),
-        ("submitit_local", signal.SIGKILL, "serial"),
-    ],
-)
-def test_jobs_end_with_their_sweep_and_the_same_command_goes_on_with_all(
-    launcher, how, executor, tmp_path
-):
-    needs(launcher)
-    jobs = [*SMALL, "seed=0,1", "budget=60000", "checkpoint_seconds=0"]
-    through = [f"launcher={launcher}", f"executor={executor}"]
-    if executor == "process":
-        through.append("executor.workers=1")
-    if launcher == "joblib":
-        through.append("hydra.launcher.n_jobs=2")
-    process = start("-m", *jobs, *through, cwd=tmp_path)
-    all_running(process, tmp_path / "runs", 2)
-    stop(process, how)
-    code, _, err = finish(process)
-    assert code == (-signal.SIGKILL if how == signal.SIGKILL else 130), err
-    assert "Traceback" not in err
-    assert end_within(5.0, f"HOME={tmp_path}")
-    notes = [json.loads(p.read_text()) for p in tmp_path.glob("runs/.sweeps/*/[0-9]*.json")]
-    assert [note["state"] for note in notes] == ["stopped", "stopped"]
-    assert results(tmp_path / "runs") == {}
-    if how == signal.SIGKILL:  # what folders hold then is not the launcher's matter
-        code, out, err = alone("-m", *jobs, cwd=tmp_path)
-    else:
-        code, out, err = sweep(*jobs, *through, cwd=tmp_path)
-    assert code == 0, err
-    assert "2 job(s) of the sweep done" in out
-    assert len(results(tmp_path / "runs")) == 2
 
 
 def test_slurm_is_asked_for_nothing_it_does_not_know():
