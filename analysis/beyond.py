@@ -28,18 +28,14 @@ ASIDE = ("budget", "mpc_solver", "executor")
 ROW = ["tuner", "variant"]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write one table per task; return the exit code."""
-    parser = cli.parser("beyond", "Tuners at several budgets, as ratios.", "tables")
-    parser.add_argument("--task", help="default: all tasks")
-    parser.add_argument(
-        "--reference", choices=REFERENCES, default="nominal", help="default: nominal"
-    )
-    parser.add_argument("--seeds", metavar="0-9", type=cli.seeds, help="default: all")
-    return cli.guarded(_command, parser, argv)
-
-
-def _command(options: argparse.Namespace) -> None:
+@cli.command(
+    "beyond", "Tuners at several budgets, as ratios.", "tables",
+    task={"help": "default: all tasks"},
+    reference={"choices": REFERENCES, "default": "nominal", "help": "default: nominal"},
+    seeds={"metavar": "0-9", "type": cli.seeds, "help": "default: all"},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Write one table per task."""
     collection = cli.load_runs(options, episodes=False)
     if options.task:
         collection = collection.of_task(options.task)

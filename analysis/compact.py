@@ -22,6 +22,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from zoac.analysis.data import cli
 from zoac.analysis.data.fairness import unmixed
 from zoac.analysis.data.runs import Run
 from zoac.core.errors import RunFolderError, as_text
@@ -54,38 +55,33 @@ OF_ONE_EVALUATION = ("kind", "final", "parameters", "episode_lengths", "baseline
 """Of an evaluation while tuning: what is not kept."""
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write the three files; return the exit code."""
-    from zoac.analysis.data import cli  # which loads runs, and so reads this module
+_APART = "evaluations while tuning at least so far apart; default: all"
+_MEANS = "no evaluations while tuning, and of results no single episodes"
+_DIGITS = (
+    "significant digits; default: of evaluations while tuning six, of results all, so that they "
+    "come back exactly"
+)
 
-    parser = cli.parser("compact", "Runs in three small files.", "compact")
-    apart = "evaluations while tuning at least so far apart; default: all"
-    parser.add_argument("--every", type=cli.count, default=1, metavar="STEPS", help=apart)
-    summary = "no evaluations while tuning, and of results no single episodes"
-    parser.add_argument("--summary", action="store_true", help=summary)
-    parameters = "also the parameters of evaluations while tuning"
-    parser.add_argument("--parameters", action="store_true", help=parameters)
-    digits = (
-        "significant digits; default: of evaluations while tuning six, of results all, so that "
-        "they come back exactly"
-    )
-    parser.add_argument("--digits", type=cli.count, metavar="N", help=digits)
 
-    def command(options: argparse.Namespace) -> None:
-        runs = cli.load_runs(options, episodes=not options.summary).some_finished()
-        left_out = (*LISTS, "baseline") if options.summary else ()
-        evaluated = () if options.summary else runs
-        files = {
-            RUNS: runs_csv(runs, options.digits, left_out),
-            EVALUATIONS: evaluations_csv(
-                evaluated, options.every, options.digits, options.parameters
-            ),
-            METHODS: methods_json(runs),
-        }
-        for name, content in files.items():
-            cli.write(options.out / name, content)
-
-    return cli.guarded(command, parser, argv)
+@cli.command(
+    "compact", "Runs in three small files.", "compact",
+    every={"type": cli.count, "default": 1, "metavar": "STEPS", "help": _APART},
+    summary={"action": "store_true", "help": _MEANS},
+    parameters={"action": "store_true", "help": "also the parameters of evaluations while tuning"},
+    digits={"type": cli.count, "metavar": "N", "help": _DIGITS},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Write the three files."""
+    runs = cli.load_runs(options, episodes=not options.summary).some_finished()
+    left_out = (*LISTS, "baseline") if options.summary else ()
+    evaluated = () if options.summary else runs
+    files = {
+        RUNS: runs_csv(runs, options.digits, left_out),
+        EVALUATIONS: evaluations_csv(evaluated, options.every, options.digits, options.parameters),
+        METHODS: methods_json(runs),
+    }
+    for name, content in files.items():
+        cli.write(options.out / name, content)
 
 
 def runs_csv(runs: Iterable[Run], digits: int | None = None, left_out: Sequence[str] = ()) -> str:

@@ -78,20 +78,16 @@ class Panel:
     episodes: int = 1
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Draw learning curves; return the exit code."""
-    parser = cli.parser("curves", "Learning curves (Fig. 3).", "figures", "--variant", "--format")
-    parser.add_argument("--task", help="default: all tasks")
-    parser.add_argument(
-        "--tuners", metavar="NAME,...", help="show only these, such as zoac,zoac_reg,bo"
-    )
-    parser.add_argument("--metric", help="any logged number; default: cost and prediction error")
-    parser.add_argument("--against", choices=AXES, default=AXES[0])
-    parser.add_argument("--statistic", choices=tuple(STATISTICS), default="mean")
-    return cli.guarded(_command, parser, argv)
-
-
-def _command(options: argparse.Namespace) -> None:
+@cli.command(
+    "curves", "Learning curves (Fig. 3).", "figures", "variant", "format",
+    task={"help": "default: all tasks"},
+    tuners={"metavar": "NAME,...", "help": "show only these, such as zoac,zoac_reg,bo"},
+    metric={"help": "any logged number; default: cost and prediction error"},
+    against={"choices": AXES, "default": AXES[0]},
+    statistic={"choices": tuple(STATISTICS), "default": "mean"},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Draw learning curves."""
     collection = cli.load_runs(options).of_variant(options.variant)
     if options.tuners is not None:
         collection = collection.of_rows(options.tuners.split(","))

@@ -42,20 +42,15 @@ class Slice:
     costs: np.ndarray
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Draw parameters and landscape of one method; return the exit code."""
-    parser = cli.parser(
-        "landscape", "Parameters and cost landscape (Fig. 4).", "figures", *cli.OPTIONS
-    )
-    parser.add_argument("--tuner", default="zoac", help="default: zoac")
-    parser.add_argument("--parameters", help="names, with commas between; default: all")
-    along = "along each parameter; default: 25"
-    parser.add_argument("--points", type=cli.count, default=25, help=along)
-    parser.add_argument("--episodes", type=cli.count, default=8, help="per point; default: 8")
-    return cli.guarded(_command, parser, argv)
-
-
-def _command(options: argparse.Namespace) -> None:
+@cli.command(
+    "landscape", "Parameters and cost landscape (Fig. 4).", "figures", *cli.OPTIONS,
+    tuner={"default": "zoac", "help": "default: zoac"},
+    parameters={"help": "names, with commas between; default: all"},
+    points={"type": cli.count, "default": 25, "help": "along each parameter; default: 25"},
+    episodes={"type": cli.count, "default": 8, "help": "per point; default: 8"},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Draw parameters and landscape of one method."""
     collection = cli.load_one_task(options)
     method = chosen(collection, options.tuner)[0].method
     runs = by_method(collection.finished)[method]

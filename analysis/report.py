@@ -24,26 +24,20 @@ ROBUSTNESS = "robustness"
 """Where `zoac.analysis.robustness` writes unless told otherwise."""
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write the report; return the exit code."""
-    parser = cli.parser(
-        "report", "One HTML page about a run or a sweep.", "reports", "--variant", "--trust-code"
-    )
-    parser.add_argument("--task", help="default: all tasks")
-    parser.add_argument(
-        "--no-replay", action="store_true", help="do not drive controllers for closed-loop plots"
-    )
-    parser.add_argument(
-        "--robustness",
-        type=cli.folder,
-        metavar="FOLDER",
-        help="what zoac.analysis.robustness wrote about a run that is shown; default: "
-        f"{ROBUSTNESS}, if it is there",
-    )
-    return cli.guarded(_command, parser, argv)
+_WRITTEN = (
+    "what zoac.analysis.robustness wrote about a run that is shown; default: "
+    f"{ROBUSTNESS}, if it is there"
+)
 
 
-def _command(options: argparse.Namespace) -> None:
+@cli.command(
+    "report", "One HTML page about a run or a sweep.", "reports", "variant", "trust_code",
+    task={"help": "default: all tasks"},
+    no_replay={"action": "store_true", "help": "do not drive controllers for closed-loop plots"},
+    robustness={"type": cli.folder, "metavar": "FOLDER", "help": _WRITTEN},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Write the report."""
     collection = cli.load_runs(options).of_variant(options.variant)
     if options.task is not None:
         collection = collection.of_task(*family(options.task))

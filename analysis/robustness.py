@@ -49,23 +49,17 @@ LOOKS = {TUNED: style.AFTER, BASELINE: style.BEFORE}
 MARKERS = {TUNED: "o", BASELINE: "^"}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write table and figure of one run; return the exit code."""
-    parser = cli.parser(
-        "robustness", "Tuned parameters on varied plants.", "robustness", *cli.OPTIONS
-    )
-    parser.add_argument("--tuner", help="default: zoac's median run, or whatever was tuned")
-    parser.add_argument("--seed", type=int, help="default: the median run")
-    parser.add_argument(
-        "--vary", action="append", default=[], metavar="NAME=LOW,HIGH", help="may be repeated"
-    )
-    parser.add_argument("--plants", type=cli.count, default=20, help="plants drawn; default: 20")
-    parser.add_argument("--episodes", type=cli.count, default=8, help="per plant; default: 8")
-    return cli.guarded(_command, parser, argv)
-
-
-def _command(options: argparse.Namespace) -> None:
-    ranges = dict(_parsed(text) for text in options.vary)
+@cli.command(
+    "robustness", "Tuned parameters on varied plants.", "robustness", *cli.OPTIONS,
+    tuner={"help": "default: zoac's median run, or whatever was tuned"},
+    seed={"type": int, "help": "default: the median run"},
+    vary={"action": "append", "metavar": "NAME=LOW,HIGH", "help": "may be repeated"},
+    plants={"type": cli.count, "default": 20, "help": "plants drawn; default: 20"},
+    episodes={"type": cli.count, "default": 8, "help": "per plant; default: 8"},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Write table and figure of one run."""
+    ranges = dict(_parsed(text) for text in options.vary or ())
     run = chosen(cli.load_one_task(options), options.tuner, options.seed)[0]
     print(f"{run.folder}: {run.method}, seed {run.seed}", file=sys.stderr)
     varied = vary(run, ranges, options.plants, options.episodes) if ranges else None

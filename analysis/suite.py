@@ -25,6 +25,7 @@ from zoac.analysis.figures.labels import TUNERS
 from zoac.analysis.pages.formatting import NOTHING, pipes
 from zoac.analysis.statistics import profiles
 from zoac.analysis.statistics.intervals import Interval
+from zoac.analysis.statistics.profiles import RANDOM
 from zoac.core.errors import ConfigError, RunFolderError, suggest
 
 if TYPE_CHECKING:
@@ -41,17 +42,13 @@ LIMITS = np.linspace(0.0, 1.5, 151)
 """Scores of the profiles' axis."""
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write tables and figure; return the exit code."""
-    parser = cli.parser("suite", "Tuners over many problems.", "tables", "--format")
-    parser.add_argument(
-        "--against", default=profiles.RANDOM, metavar="TUNER", help=f"default: {profiles.RANDOM}"
-    )
-    parser.add_argument("--problems", help="default: all; such as suite/hopper,suite/loop_43")
-    return cli.guarded(_command, parser, argv)
-
-
-def _command(options: argparse.Namespace) -> None:
+@cli.command(
+    "suite", "Tuners over many problems.", "tables", "format",
+    against={"default": RANDOM, "metavar": "TUNER", "help": f"default: {RANDOM}"},
+    problems={"help": "default: all; such as suite/hopper,suite/loop_43"},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Write tables and figure."""
     found = read(options.runs) if options.runs.suffix == ".csv" else frame_of(options)
     runs = profiles.failures_last(found)
     if (twice := runs.duplicated(KEY)).any():

@@ -4,7 +4,6 @@ Writes table2.md, table2.tex and table2.csv; the same runs give the same bytes.
 """
 
 import argparse
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -66,26 +65,18 @@ METHOD_NOTE = (
 )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write the table of one task in three formats; return the exit code."""
-    parser = cli.parser("table2", "Table II beside the paper's.", "tables", "--variant")
-    parser.add_argument(
-        "--task", help=f"default: {TABLE2[0].task} where there is one, else the only one"
-    )
-    parser.add_argument(
-        "--budget",
-        type=cli.count,
-        metavar="STEPS",
-        help="use the last evaluation of each run within so many environment steps",
-    )
-    parser.add_argument(
-        "--seeds", type=cli.seeds, metavar="0-4", help="the seeds each method should have"
-    )
-    parser.add_argument("--bootstrap-seed", type=cli.seed, default=0, metavar="SEED")
-    return cli.guarded(_command, parser, argv)
+_WITHIN = "use the last evaluation of each run within so many environment steps"
 
 
-def _command(options: argparse.Namespace) -> None:
+@cli.command(
+    "table2", "Table II beside the paper's.", "tables", "variant",
+    task={"help": f"default: {TABLE2[0].task} where there is one, else the only one"},
+    budget={"type": cli.count, "metavar": "STEPS", "help": _WITHIN},
+    seeds={"type": cli.seeds, "metavar": "0-4", "help": "the seeds each method should have"},
+    bootstrap_seed={"type": cli.seed, "default": 0, "metavar": "SEED"},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Write the table of one task in three formats."""
     collection = cli.load_runs(options)
     comparison = compare(
         collection,

@@ -56,17 +56,17 @@ def formats(text: str) -> list[str]:
 
 
 OPTIONS: dict[str, dict[str, Any]] = {
-    "--task": {"help": "default: the only one there is"},
-    "--variant": {
+    "task": {"help": "default: the only one there is"},
+    "variant": {
         "metavar": "NAME",
         "help": f"use only runs of this variant; {WITHOUT_VARIANT}: only runs without a variant",
     },
-    "--trust-code": {
+    "trust_code": {
         "action": "store_true",
         "help": "load modules that run folders name, and pickles that they hold, to build their "
         "tasks; both can execute any code, so use it only for folders of people whom you trust",
     },
-    "--format": {
+    "format": {
         "type": formats,
         "default": list(FORMATS),
         "metavar": "svg,pdf,png",
@@ -76,39 +76,44 @@ OPTIONS: dict[str, dict[str, Any]] = {
 """Options that several commands have; those that drive controllers of one task have all."""
 
 
-def parser(module: str, summary: str, out: str, *options: str) -> argparse.ArgumentParser:
-    """Return a parser that knows RUNS, --out and some of `OPTIONS`.
+def command(
+    module: str, summary: str, out: str, /, *shared: str, **own: dict[str, Any]
+) -> Callable[[Callable[[argparse.Namespace], None]], Callable[..., int]]:
+    """Make a command of a function of its options, which knows RUNS and --out.
+
+    Called with a list of arguments, by default those of the command line, it returns the exit code.
+    A user's error is printed as one message.
 
     Args:
         module: The command's module.
         summary: One sentence for --help.
         out: Default output folder.
-        options: Names of further options, keys of `OPTIONS`.
+        shared: Further options, keys of `OPTIONS`.
+        own: Arguments of `ArgumentParser.add_argument`, by option.
     """
-    made = argparse.ArgumentParser(prog=f"python -m zoac.analysis.{module}", description=summary)
-    made.add_argument("runs", type=folder, help="a folder of runs, or one run folder")
-    made.add_argument(
-        "--out", type=folder, default=Path(out), metavar="FOLDER", help=f"default: {out}"
-    )
-    for option in options:
-        made.add_argument(option, **OPTIONS[option])
+
+    def made(body: Callable[[argparse.Namespace], None]) -> Callable[..., int]:
+        def main(argv: Sequence[str] | None = None) -> int:
+            prog = f"python -m zoac.analysis.{module}"
+            parser = argparse.ArgumentParser(prog=prog, description=summary)
+            parser.add_argument("runs", type=folder, help="a folder of runs, or one run folder")
+            where = {"type": folder, "default": Path(out), "metavar": "FOLDER"}
+            named = {"out": {**where, "help": f"default: {out}"}}
+            named |= {name: OPTIONS[name] for name in shared} | own
+            for name, arguments in named.items():
+                parser.add_argument(f"--{name.replace('_', '-')}", **arguments)
+            options = parser.parse_args(argv)
+            try:
+                with reader_may_leave(), needs_matplotlib():
+                    body(options)
+            except ZoacError as error:
+                print(f"error: {error}", file=sys.stderr)
+                return 1
+            return 0
+
+        return main
+
     return made
-
-
-def guarded(
-    body: Callable[[argparse.Namespace], None],
-    arguments: argparse.ArgumentParser,
-    argv: Sequence[str] | None,
-) -> int:
-    """Parse `argv` and call `body`; print a user's error as one message and return 1."""
-    options = arguments.parse_args(argv)
-    try:
-        with reader_may_leave(), needs_matplotlib():
-            body(options)
-    except ZoacError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    return 0
 
 
 def load_runs(options: argparse.Namespace, *, episodes: bool = True) -> Collection:

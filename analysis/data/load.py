@@ -7,7 +7,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from zoac.analysis import compact
 from zoac.analysis.data.runs import Collection, Method, Run, Skipped, order
 from zoac.core.errors import RunFolderError
 from zoac.core.types import is_number
@@ -42,6 +41,8 @@ def load(root: str | Path, *, trust_code: bool = False) -> Collection:
     Raises:
         RunFolderError: If `root` is no folder, holds no run, or two folders hold the same run.
     """
+    from zoac.analysis import compact  # whose command loads runs
+
     root = Path(root)
     if not root.is_dir():
         what = f"{str(root)!r} is a file" if root.is_file() else f"no folder {str(root)!r}"
