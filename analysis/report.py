@@ -75,7 +75,7 @@ def report(
     names = [TASKS.get(task, task) for task in tasks]
     if len(names) > 1:
         bodies = [html.section(name, body) for name, body in zip(names, bodies, strict=True)]
-    left_out = html.bullets([escape(str(item)) for item in collection.left_out])
+    left_out = html.bullets([escape(item) for item in collection.left_out])
     return html.page(", ".join(names), [*bodies, html.section("Left out", left_out)])
 
 
