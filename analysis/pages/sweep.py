@@ -21,8 +21,7 @@ from zoac.analysis.pages.formatting import (
     significant,
     without_empty_columns,
 )
-from zoac.analysis.statistics.claims import Claim
-from zoac.analysis.statistics.comparison import NOMINAL, Comparison, compare
+from zoac.analysis.statistics.comparison import NOMINAL, Claim, Comparison, compare
 from zoac.analysis.statistics.intervals import MIN_SEEDS, Interval
 
 

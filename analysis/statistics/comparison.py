@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,16 @@ import numpy as np
 from zoac.analysis.data.fairness import refuse_unequal, unmixed
 from zoac.analysis.data.runs import Collection, Method, Run
 from zoac.analysis.figures.labels import family, method_labels, tuner_names
-from zoac.analysis.statistics.claims import Claim, claims
+from zoac.analysis.pages.formatting import estimate
 from zoac.analysis.statistics.intervals import (
+    MIN_SEEDS,
     Interval,
     MeanStd,
     Scores,
     interquartile_mean,
     mean_std,
+    paired_difference,
+    probability_of_improvement,
     summarise,
 )
 from zoac.core.errors import RunFolderError
@@ -31,6 +35,37 @@ TABLE2 = (
     Method("mpc_tracking", NOMINAL, None),
 )
 """The rows of the paper's Table II, in its order."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """The comparison of two methods.
+
+    Args:
+        first: Label of one method.
+        second: Label of the other.
+        difference: Mean cost of the first minus that of the second, paired.
+        improvement: Probability that a seed of the first costs less; None if one is not tuned.
+    """
+
+    first: str
+    second: str
+    difference: Interval
+    improvement: Interval | None
+
+    def __str__(self) -> str:
+        d, p = self.difference, self.improvement
+        pair = f"{self.first} - {self.second} = {estimate(d, sign=True)}"
+        if not d.exists:
+            return f"{pair}: no claim, fewer than {MIN_SEEDS} seeds"
+        means = f"{pair}: {self._said(d.side(), 'costs less on average')}"
+        if p is None:
+            return means
+        seeds = f"P({self.first} better) = {p.estimate:.2f} [{p.low:.3f}, {p.high:.3f}]"
+        return f"{means}; {seeds}: {self._said(-p.side(of=0.5), 'is the better more often')}"
+
+    def _said(self, side: int, what: str) -> str:
+        return "no claim" if side == 0 else f"{self.first if side < 0 else self.second} {what}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,14 +165,14 @@ def compare(
     missing = {m for m in expected if (m.task, m.tuner) not in known_tuners}
     methods = sorted({run.method for run in runs} | missing, key=lambda method: method.rank)
     labels = method_labels(methods, tuner_names(runs))
-    nominal = next((labels[m] for m in groups if m.tuner == "nominal"), None)
+    nominal = next((labels[m] for m in groups if m.tuner == NOMINAL), None)
     scores = {}
     for method, found in rows.items():
         costs = np.stack([_costs(row)[:episodes] for row in found.values()])
         if np.isfinite(costs).all():
             scores[method] = Scores(costs, groups[method][0].tuned)
     known = [(labels[method], scores[method]) for method in methods if method in scores]
-    judged = claims(known, random_seed)
+    judged = _claims(known, random_seed)
     minus_nominal = {c.first: c.difference for c in judged if c.second == nominal}
     summaries = [
         _summary(
@@ -146,12 +181,8 @@ def compare(
         )
         for method in methods
     ]  # fmt: skip
-    notes = [
-        *_missing_notes(summaries),
-        *_violation_notes(all_rows),
-        *_timing_notes([run for group in groups.values() for run in group]),
-        *(f"left out {item}" for item in collection.left_out),
-    ]
+    notes = _notes(summaries, all_rows, [run for group in groups.values() for run in group])
+    notes += [f"left out {item}" for item in collection.left_out]
     return Comparison(task, tuple(summaries), judged, tuple(notes), budget, episodes)
 
 
@@ -219,11 +250,25 @@ def _summary(
     )
 
 
+def _claims(methods: Sequence[tuple[str, Scores]], random_seed: int) -> tuple[Claim, ...]:
+    """Return a claim for each pair of labelled methods, in order."""
+    made = []
+    for (first, a), (second, b) in combinations(methods, 2):
+        rng = stream(random_seed, f"analysis {first} - {second}")
+        both = a.tuned and b.tuned
+        improvement = probability_of_improvement(a.per_seed, b.per_seed) if both else None
+        made.append(Claim(first, second, paired_difference(a, b, rng), improvement))
+    return tuple(made)
+
+
 def _is_untuned(run: Run) -> bool:
     return run.result is not None and not run.tuned
 
 
-def _missing_notes(summaries: Sequence[Summary]) -> list[str]:
+def _notes(
+    summaries: Sequence[Summary], rows: Sequence[Mapping[str, Any]], runs: Sequence[Run]
+) -> list[str]:
+    """Return what is missing or not comparable in the summaries, their records and their runs."""
     notes = []
     for s in summaries:
         if s.missing:
@@ -235,22 +280,13 @@ def _missing_notes(summaries: Sequence[Summary]) -> list[str]:
         if s.not_finite:
             which = ", ".join(map(str, s.not_finite))
             notes.append(f"{s.label}: the cost of seed {which} is not finite; nothing is averaged")
-    return notes
-
-
-def _violation_notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     # The log has no violations per episode, so they cannot be counted over the common episodes.
-    numbers = sorted({len(_costs(r)) for r in rows if r.get("violations") is not None})
-    if len(numbers) < 2:
-        return []
-    return [
-        "shares of episodes in violation are over all episodes of each evaluation, "
-        f"{numbers[0]} to {numbers[-1]}, not only the shared ones"
-    ]
-
-
-def _timing_notes(runs: Sequence[Run]) -> list[str]:
-    notes = []
+    numbers = {len(_costs(r)) for r in rows if r.get("violations") is not None}
+    if len(numbers) > 1:
+        notes.append(
+            "shares of episodes in violation are over all episodes of each evaluation, "
+            f"{min(numbers)} to {max(numbers)}, not only the shared ones"
+        )
     tuned = [run for run in runs if run.tuned]
     for what, values in (
         ("executors", {str(run.config.get("executor")) for run in tuned}),

@@ -121,14 +121,10 @@ def paired_difference(
 
 
 def probability_of_improvement(a: np.ndarray, b: np.ndarray) -> Interval:
-    """Return the probability that a seed of `a` costs less than one of `b`; ties count half.
+    """Return the probability that a seed of `a` (m,) costs less than one of `b` (n,).
 
-    The interval is a score interval, Newcombe, Statistics in Medicine 25 (2006) 559, method 5:
-    unlike a bootstrap it stays valid where the two samples do not overlap at all.
-
-    Args:
-        a: Costs per seed, (m,).
-        b: Costs per seed, (n,).
+    Ties count half. The interval is a score interval, Newcombe, Statistics in Medicine 25 (2006)
+    559, method 5: unlike a bootstrap it stays valid where the two samples do not overlap at all.
     """
     m, n = len(a), len(b)
     less = np.less.outer(a, b) + 0.5 * np.equal.outer(a, b)
