@@ -16,7 +16,6 @@ from zoac.analysis.data.selection import chosen
 from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import TASKS, family, method_labels, tuner_names
 from zoac.analysis.pages import html, run_page
-from zoac.analysis.pages.robust import robust
 from zoac.analysis.pages.sweep import sweep
 from zoac.core.errors import ConfigError
 
@@ -96,7 +95,7 @@ def _of_task(collection: Collection, task: str, replay: bool, robustness_folder:
         siblings = sum(other.method == run.method for other in runs)
         median = f", the median of {siblings} by cost" if siblings > 1 else ""
         title = escape(f"{labels[run.method]}, seed {run.seed}{median}")
-        text = run_page.details(run, reference, replay, robust(run, robustness_folder))
+        text = run_page.details(run, reference, replay, robustness.part(run, robustness_folder))
         if len(runs) == 1:
             return html.paragraph(title, "muted") + text
         body.append(html.folded(title, text, k == 0))

@@ -1,4 +1,4 @@
-"""Tuned parameters on other plants, and the cost of being a little off: table and figure.
+"""Tuned parameters on other plants, and the cost of being a little off: table, figure, page.
 
     python -m zoac.analysis.robustness runs --task pid_acc --vary preceding_std=0.02,0.2
 
@@ -12,6 +12,8 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
+from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,12 +27,14 @@ from zoac.analysis.data.plants import (
     Sensitivity,
     Variation,
     as_json,
+    read,
     sensitivity,
     vary,
 )
 from zoac.analysis.data.runs import Run
 from zoac.analysis.data.selection import chosen
 from zoac.analysis.figures import style
+from zoac.analysis.pages import html
 from zoac.analysis.pages.formatting import pipes, signed, significant
 from zoac.core.errors import ConfigError
 from zoac.core.types import bad_is_infinite
@@ -186,6 +190,55 @@ def draw_sensitivity(axes: Axes, around: Sequence[Sensitivity]) -> None:
     axes.axvline(0.0, color=style.INK, lw=0.6)
     axes.set_yticks(rows, [s.name for s in order])
     axes.set_xlabel("Change of the mean cost")
+
+
+def part(run: Run, folder: Path) -> str:
+    """Return a report's part on what was written into a folder, if it is of this run.
+
+    Raises:
+        RunFolderError: If its file is damaged.
+    """
+    found = read(folder / FILE, run)
+    if found is None:
+        return ""
+    varied, around = found
+    plants = "" if varied is None else _plants_part(run, varied)
+    return plants + _sensitivity_part(run, around)
+
+
+def _plants_part(run: Run, varied: Variation) -> str:
+    count, episodes = varied.size
+    pictures = []
+    for name in varied.plants:
+        figure, axes = html.figure()
+        draw_costs(axes, varied, name)
+        label = f"Cost over {name}"
+        pictures.append(html.picture(figure, f"{run.folder} plant {name}", label, columns=2))
+    lines = [[escape(cell) for cell in line] for line in summary(varied)]
+    return html.part(
+        "Robustness",
+        html.paragraph(
+            f"Cost on {count} other plants, {episodes} episodes each: {escape(str(varied))}."
+        ),
+        html.table(lines),
+        html.gallery(pictures),
+    )
+
+
+def _sensitivity_part(run: Run, around: Sequence[Sensitivity]) -> str:
+    figure, axes = html.figure(height=max(1.6, 0.9 + 0.2 * len(around)))
+    draw_sensitivity(axes, around)
+    label = "Change of the mean cost"
+    picture = html.picture(figure, f"{run.folder} sensitivity", label, columns=2)
+    lines = [[escape(cell) for cell in line] for line in changes(around)]
+    return html.part(
+        "Sensitivity",
+        html.paragraph(
+            f"Change of the mean cost with one parameter moved by {STEP / 2:.0%} of its range."
+        ),
+        html.gallery([picture]),
+        html.aside("As a table", html.table(lines)),
+    )
 
 
 if __name__ == "__main__":
