@@ -82,16 +82,11 @@ def table(
 ) -> pd.DataFrame:
     """Return tuner, variant, budget, seed, ratio, and terminations per 100,000 steps of each run.
 
-    The method that is best at its largest budget comes first.
-
-    Args:
-        runs: Finished runs of one task.
-        reference: The run by whose cost theirs are divided.
-        seeds: Those to count; default: all.
+    The runs are finished ones of one task; those of other seeds do not count. The method that is
+    best at its largest budget comes first.
 
     Raises:
-        RunFolderError: If there is no run, if two runs have the same row, budget and seed, or if
-            seeds, methods or the reference are not comparable.
+        RunFolderError: If there is no such run, or if they or the reference are not comparable.
     """
     tuned = [run for run in runs if run.tuned]
     frame = pd.DataFrame(

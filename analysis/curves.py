@@ -110,8 +110,8 @@ def all_panels(
         collection: The runs; unfinished ones are left out.
         task: Keep to this task and its regularised twin.
         metric: Show this instead.
-        against: "env_steps", "wall_seconds" or "compute_seconds".
-        statistic: "mean" or "iqm".
+        against: One of `AXES`.
+        statistic: One of `STATISTICS`.
 
     Raises:
         ConfigError: If no method logged that in all of its seeds.
@@ -140,17 +140,11 @@ def all_panels(
                         if curve is None:
                             print(f"left out {_lacking(group, name, against)}", file=sys.stderr)
     if not panels:
-        raise _without_curves(runs, metric or "cost_mean", against)
+        if metric and metric not in (known := _logged(runs)):
+            raise ConfigError(f"no run logged {metric!r}; {suggest(metric, known)}")
+        lacking = _lacking(runs, metric or "cost_mean", against)
+        raise ConfigError(f"no method has a curve in all of its seeds: {lacking}")
     return panels
-
-
-def _without_curves(runs: Sequence[Run], metric: str, against: str) -> ConfigError:
-    """Return the error that says why no method has a curve."""
-    if metric not in (known := _logged(runs)):
-        return ConfigError(f"no run logged {metric!r}; {suggest(metric, known)}")
-    return ConfigError(
-        f"no method has a curve in all of its seeds: {_lacking(runs, metric, against)}"
-    )
 
 
 def _lacking(runs: Sequence[Run], metric: str, against: str) -> str:

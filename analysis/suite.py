@@ -64,11 +64,7 @@ def main(options: argparse.Namespace) -> None:
 
 
 def frame_of(options: argparse.Namespace) -> pd.DataFrame:
-    """Return a row for each finished run whose budget was given in experiments.
-
-    Raises:
-        RunFolderError: If there is none.
-    """
+    """Return a row for each finished run whose budget was given in experiments; refuse none."""
     runs = [
         run
         for run in cli.load_runs(options, episodes=False).some_finished()
@@ -97,11 +93,7 @@ def _row(run: Run) -> list[object]:
 
 
 def read(path: Path) -> pd.DataFrame:
-    """Return the rows of a suite.csv.
-
-    Raises:
-        RunFolderError: If it is none.
-    """
+    """Return the rows of a suite.csv; refuse another file."""
     try:
         frame = pd.read_csv(path)
     except (OSError, ValueError) as error:
@@ -120,11 +112,9 @@ def _chosen(runs: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
 
 
 def markdown(runs: pd.DataFrame, against: str) -> str:
-    """Return the tables: scores, who is better how often, experiments needed, costs.
+    """Return the tables: scores, who is better than `against` how often, experiments needed, costs.
 
-    Args:
-        runs: Rows as in suite.csv, as `failures_last` returns them.
-        against: The tuner that others are compared with.
+    The runs are rows as in suite.csv, as `failures_last` returns them.
     """
     scored = profiles.with_scores(runs)
     text = [

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from zoac.analysis.data import cli
-from zoac.analysis.data.runs import Collection
 from zoac.analysis.figures.labels import TASKS, family
 from zoac.analysis.pages.formatting import (
     NOTHING,
@@ -78,9 +77,10 @@ _WITHIN = "use the last evaluation of each run within so many environment steps"
 def main(options: argparse.Namespace) -> None:
     """Write the table of one task in three formats."""
     collection = cli.load_runs(options)
+    found = {family(run.method.task)[0] for run in collection.some_finished()}
     comparison = compare(
         collection,
-        options.task or _default_task(collection),
+        options.task or (TABLE2[0].task if TABLE2[0].task in found else cli.only_task(found)),
         variant=options.variant,
         budget=options.budget,
         seeds=options.seeds,
@@ -89,12 +89,6 @@ def main(options: argparse.Namespace) -> None:
     cli.write_markdown(options.out / "table2.md", markdown(comparison))
     cli.write(options.out / "table2.tex", latex(comparison))
     cli.write(options.out / "table2.csv", csv(comparison))
-
-
-def _default_task(collection: Collection) -> str:
-    """Return the task of Table II, or the only one of the finished runs."""
-    found = {family(run.method.task)[0] for run in collection.some_finished()}
-    return TABLE2[0].task if TABLE2[0].task in found else cli.only_task(found)
 
 
 def markdown(comparison: Comparison) -> str:

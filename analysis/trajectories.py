@@ -101,10 +101,7 @@ def loops_of(task: Task, runs: Sequence[Run]) -> list[Loop]:
 def before_and_after(task: Task, run: Run, compared: Before | None = None) -> list[Loop]:
     """Drive the controllers of a run before and after tuning through the demonstration.
 
-    Args:
-        task: The run's task.
-        run: The run.
-        compared: What was before; default: its baseline values, or else where it began.
+    Before are, unless told, its baseline values, or else where it began.
     """
     compared = compared or before(run)
     controllers: list[Controller] = [("After", style.AFTER, run.outcome["parameters"])]

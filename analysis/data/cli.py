@@ -135,44 +135,27 @@ def load_runs(options: argparse.Namespace, *, episodes: bool = True) -> Collecti
 
 
 def load_one_task(options: argparse.Namespace) -> Collection:
-    """Load the runs of `options.task`, by default the only task, and of `options.variant`.
-
-    Raises:
-        ConfigError: If there are several tasks and none is named.
-        RunFolderError: If no run is finished.
-    """
+    """Load the runs of `options.task`, by default the only task, and of `options.variant`."""
     collection = load_runs(options)
     found = {run.method.task for run in collection.some_finished()}
     return collection.of_task(options.task or only_task(found)).of_variant(options.variant)
 
 
 def only_task(found: set[str]) -> str:
-    """Return the only one of some tasks.
-
-    Raises:
-        ConfigError: If there are several.
-    """
+    """Return the only one of some tasks; refuse several."""
     if len(found) > 1:
         raise ConfigError(f"runs of several tasks; choose with --task: {', '.join(sorted(found))}")
     return next(iter(found))
 
 
 def write(path: Path, content: str | bytes) -> None:
-    """Write one output file and print its name.
-
-    Raises:
-        ConfigError: If it cannot be written.
-    """
+    """Write one output file and print its name."""
     with writing(path):
         path.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def write_markdown(path: Path, text: str) -> None:
-    """Print and write Markdown; prose and bullets are wrapped, rows of tables are not.
-
-    Raises:
-        ConfigError: If it cannot be written.
-    """
+    """Print and write Markdown; prose and bullets are wrapped, rows of tables are not."""
     text = "\n".join(map(_wrapped, text.split("\n")))
     print(text)
     write(path, text)

@@ -74,7 +74,7 @@ def vary(
         run: A finished run.
         ranges: Range of each varied number, by name; plants are drawn uniformly.
         plants: Number of plants.
-        episodes: Number of episodes on each plant, the same for all plants and controllers.
+        episodes: Number of episodes, the same on all plants and for all controllers.
 
     Raises:
         ConfigError: If a name is not a number of the plant, or one of its bounds is not whole where
@@ -121,12 +121,7 @@ def _drawn(
 
 
 def on_plant(run: Run, task: Task, values: Mapping[str, float]) -> Task:
-    """Return a run's task on a plant with other numbers.
-
-    Args:
-        run: The run, for its configuration.
-        task: The task of the run.
-        values: Numbers by dotted name among the task's options, or `plant.NAME`.
+    """Return a run's task on a plant with other numbers, by dotted option or `plant.NAME`.
 
     Raises:
         ConfigError: If a name is not a number among them.
@@ -165,12 +160,7 @@ def _numbers(node: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
 
 
 def sensitivity(run: Run, episodes: int) -> list[Sensitivity]:
-    """Return how the mean cost changes along each coordinate around a run's parameters.
-
-    Args:
-        run: A finished run.
-        episodes: The same for every point.
-    """
+    """Return how the mean cost changes along each coordinate around a run's parameters."""
     task = replay.rebuild(run)
     centre = task.space.normalise(run.outcome["parameters"])
     steps = np.diag(np.full(task.space.dimension, STEP))

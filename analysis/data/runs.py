@@ -186,8 +186,7 @@ class Collection:
     def of_variant(self, variant: str | None) -> Self:
         """Return the runs of the named variant, and untuned ones, with every skipped folder.
 
-        Args:
-            variant: Its name; `WITHOUT_VARIANT`: runs that have none; None: all runs.
+        `WITHOUT_VARIANT` names runs that have none; None is all runs.
 
         Raises:
             RunFolderError: If there is none.

@@ -211,14 +211,9 @@ def blank(width: float, height: float) -> Figure:
 def panels(
     count: int, columns: int, height: float, more: float, **options: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with so many panels in rows, one or two columns of text wide.
+    """Return a figure with `count` panels, `columns` in a row, one or two columns of text wide.
 
-    Args:
-        count: Number of panels.
-        columns: Panels in a row.
-        height: Of a row [in].
-        more: What the figure has beside its rows [in].
-        options: Of `Figure.subplots`.
+    Its height is that of the rows, `height` each, and `more` [in].
     """
     rows = -(-count // columns)
     figure = blank(PAGE if columns > 1 else COLUMN, height * rows + more)
@@ -238,10 +233,7 @@ def band(axes: Axes, x: Any, low: Any, high: Any, look: Look) -> None:
 def image(figure: Figure, kind: str, salt: str = "zoac") -> bytes:
     """Return `figure` as the bytes of a file of `kind` ("svg", "pdf" or "png").
 
-    Args:
-        figure: The figure.
-        kind: File format.
-        salt: Part of the ids in an SVG; must differ between the pictures of one page.
+    The salt is part of the ids in an SVG; it must differ between the pictures of one page.
     """
     import matplotlib as mpl
 

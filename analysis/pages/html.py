@@ -30,9 +30,9 @@ def page(title: str, sections: Sequence[str]) -> str:
     )
 
 
-def section(title: str, *body: str) -> str:
+def section(title: str, body: str) -> str:
     """Return a section with a heading, or nothing if there is nothing in it."""
-    return f"<section>\n<h2>{escape(title)}</h2>\n{''.join(body)}</section>\n" if any(body) else ""
+    return f"<section>\n<h2>{escape(title)}</h2>\n{body}</section>\n" if body else ""
 
 
 def part(title: str, *body: str) -> str:
