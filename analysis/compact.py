@@ -73,23 +73,15 @@ _DIGITS = (
 def main(options: argparse.Namespace) -> None:
     """Write the three files."""
     runs = cli.load_runs(options, episodes=not options.summary).some_finished()
-    left_out = (*LISTS, "baseline") if options.summary else ()
+    left_out = (*LEFT_OUT, *((*LISTS, "baseline") if options.summary else ()))
     evaluated = () if options.summary else runs
     files = {
-        RUNS: runs_csv(runs, options.digits, left_out),
+        RUNS: _csv([_row(run, run.outcome, left_out) for run in runs], options.digits),
         EVALUATIONS: evaluations_csv(evaluated, options.every, options.digits, options.parameters),
         METHODS: methods_json(runs),
     }
     for name, content in files.items():
         cli.write(options.out / name, content)
-
-
-def runs_csv(runs: Iterable[Run], digits: int | None = None, left_out: Sequence[str] = ()) -> str:
-    """Return one row per run, without some of its result's keys.
-
-    Numbers have so many significant digits, or all.
-    """
-    return _csv([_row(run, run.outcome, (*LEFT_OUT, *left_out)) for run in runs], digits)
 
 
 def evaluations_csv(
@@ -122,18 +114,11 @@ def methods_json(runs: Iterable[Run]) -> str:
 
 
 def _row(run: Run, record: Mapping[str, Any], left_out: Collection[str]) -> dict[str, Any]:
-    """Return the key of a run and what a record says, parameters last, as `_nested` reads it."""
+    """Return the key of a run and what a record says, parameters last, as `_rows` reads it."""
     row = {key: run.identity[key] for key in KEY}
     row |= {k: v for k, v in record.items() if k not in (*KEY, *left_out, "parameters")}
     named = {} if "parameters" in left_out else record.get("parameters", {})
     return row | {f"{PARAMETER}{name}": value for name, value in named.items()}
-
-
-def _nested(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a row with its parameters by name, if it has any."""
-    named = {k.removeprefix(PARAMETER): v for k, v in row.items() if k.startswith(PARAMETER)}
-    others = {k: v for k, v in row.items() if not k.startswith(PARAMETER)}
-    return {**others, "parameters": named} if named else others
 
 
 def _csv(rows: Sequence[Mapping[str, Any]], digits: int | None) -> str:
@@ -177,15 +162,13 @@ def _read(folder: Path) -> Iterator[Run]:
     records = json.loads((folder / METHODS).read_text(encoding="utf-8"))
     methods = {tuple(record[key] for key in TEXTS): record for record in records}
     evaluations: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
-    for row in _rows(folder / EVALUATIONS):
-        key = tuple(row[name] for name in KEY)
-        evaluations.setdefault(key, []).append({"kind": "eval", "final": False, **_nested(row)})
-    for row in _rows(folder / RUNS):
-        key = tuple(row[name] for name in KEY)
+    for key, row in _rows(folder / EVALUATIONS):
+        evaluations.setdefault(key, []).append({"kind": "eval", "final": False, **row})
+    for key, row in _rows(folder / RUNS):
         method, seed = methods[key[:-1]], key[-1]
         config = {**method["config"], "seed": seed}
         shared = {"config": config, "config_hash": config_hash(config)}
-        result = {"parameters": {}, **_nested(row), "config_hash": shared["config_hash"]}
+        result = {"parameters": {}, **row, "config_hash": shared["config_hash"]}
         yield Run(
             folder / "-".join(str(part) for part in key if part is not None),
             {**method, "seed": seed, **shared},
@@ -194,14 +177,19 @@ def _read(folder: Path) -> Iterator[Run]:
         )
 
 
-def _rows(path: Path) -> Iterator[dict[str, Any]]:
+def _rows(path: Path) -> Iterator[tuple[tuple[Any, ...], dict[str, Any]]]:
+    """Yield the key of each row and the row, with its parameters by name if it has any."""
     text = path.read_bytes().decode("utf-8")
     if not text.endswith("\n"):
         raise ValueError(f"the end of {path.name} is lost")
-    for number, row in enumerate(csv.DictReader(io.StringIO(text, newline="")), start=2):
-        if None in row or None in row.values():
+    for number, cells in enumerate(csv.DictReader(io.StringIO(text, newline="")), start=2):
+        if None in cells or None in cells.values():
             raise ValueError(f"{path.name}, row {number} has not the columns of the first")
-        yield {n: _value(n, cell) for n, cell in row.items() if cell != "" or n == "variant"}
+        row = {n: _value(n, cell) for n, cell in cells.items() if cell != "" or n == "variant"}
+        columns = [name for name in row if name.startswith(PARAMETER)]
+        if named := {name.removeprefix(PARAMETER): row.pop(name) for name in columns}:
+            row["parameters"] = named
+        yield tuple(row[name] for name in KEY), row
 
 
 def _value(name: str, cell: str) -> Any:

@@ -11,7 +11,6 @@ what a score is.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -55,7 +54,11 @@ def main(options: argparse.Namespace) -> None:
         what = ", ".join(f"{name} {runs.loc[twice, name].iloc[0]}" for name in KEY)
         raise RunFolderError(f"{options.runs}: two runs of {what}; keep one variant a folder")
     if options.problems:
-        runs = _chosen(runs, options.problems.split(","))
+        names = options.problems.split(",")
+        for name in names:
+            if name not in (known := sorted(set(runs["problem"]))):
+                raise ConfigError(f"no run of problem {name!r}; {suggest(name, known)}")
+        runs = runs[runs["problem"].isin(names)]
     if options.against not in (known := sorted(set(runs["tuner"]))):
         raise ConfigError(f"no run of tuner {options.against!r}; {suggest(options.against, known)}")
     cli.write(options.out / "suite.csv", runs.to_csv(index=False, lineterminator="\n"))
@@ -101,14 +104,6 @@ def read(path: Path) -> pd.DataFrame:
     if missing := [name for name in COLUMNS if name not in frame]:
         raise RunFolderError(f"{path}: no column {missing[0]!r}; expected {', '.join(COLUMNS)}")
     return frame[COLUMNS]
-
-
-def _chosen(runs: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
-    known = sorted(set(runs["problem"]))
-    for name in names:
-        if name not in known:
-            raise ConfigError(f"no run of problem {name!r}; {suggest(name, known)}")
-    return runs[runs["problem"].isin(names)]
 
 
 def markdown(runs: pd.DataFrame, against: str) -> str:
