@@ -42,22 +42,25 @@ def command_of(text: str) -> list[str]:
     return [sys.executable, *words[1:]]
 
 
-def test_the_program_of_a_run_of_tune(tmp_path: Path) -> None:
+def test_the_program_of_a_run_of_tune(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     zoac.tune(
         env="Pendulum-v1", controller=lambda p, obs: -p["k"] * obs[2], space={"k": (0.0, 5.0)},
         baseline={"k": 1.0}, tuner="random", budget=400, seed=3, episodes=1, final_episodes=2,
         num_envs=2, tuner_options={"recommendation": "best_seen"}, quiet=True,
         folder=tmp_path / "run",
     )  # fmt: skip
-    program = way(tmp_path / "run", tmp_path / "out")
-    called([sys.executable, "-c", program], tmp_path)
+    monkeypatch.chdir(tmp_path)
+    exec(way(tmp_path / "run", tmp_path / "out"), {})
     assert outcome(tmp_path / "again") == outcome(tmp_path / "run")
 
 
-def test_the_program_of_a_run_of_tune_on_a_task_of_zoac(tmp_path: Path) -> None:
+def test_the_program_of_a_run_of_tune_on_a_task_of_zoac(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     zoac.tune(task="pid_acc", tuner="es", budget=120, seed=2, episodes=1, final_episodes=2,
               tuner_options={"population": 4}, quiet=True, folder=tmp_path / "run")  # fmt: skip
-    called([sys.executable, "-c", way(tmp_path / "run", tmp_path / "out")], tmp_path)
+    monkeypatch.chdir(tmp_path)
+    exec(way(tmp_path / "run", tmp_path / "out"), {})
     assert outcome(tmp_path / "again") == outcome(tmp_path / "run")
 
 
