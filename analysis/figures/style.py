@@ -15,7 +15,6 @@ from zoac.analysis.figures.labels import stands_apart
 from zoac.runs import responses
 
 if TYPE_CHECKING:
-    from cycler import Cycler
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -151,14 +150,6 @@ def drawing(settings: Any) -> AbstractContextManager[None]:
     import matplotlib as mpl
 
     return mpl.rc_context({**mpl.rcParamsDefault, "backend": "agg", **settings})
-
-
-def cycle() -> Cycler:
-    """Return colours, dashes and markers for the lines of figures that compare no tuners."""
-    from cycler import cycler
-
-    lines = [look.line for look in LOOKS.values() if look is not NOMINAL]
-    return cycler(**{key: [line[key] for line in lines] for key in lines[0]})
 
 
 def looks(methods: Iterable[Method]) -> dict[Method, Look]:
