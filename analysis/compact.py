@@ -53,8 +53,6 @@ LEFT_OUT = ("x", "config_hash", "format")
 
 OF_ONE_EVALUATION = ("kind", "final", "parameters", "episode_lengths", "baseline_cost_mean")
 """Of an evaluation while tuning: what is not kept."""
-
-
 _APART = "evaluations while tuning at least so far apart; default: all"
 _MEANS = "no evaluations while tuning, and of results no single episodes"
 _DIGITS = (

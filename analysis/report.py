@@ -21,8 +21,6 @@ from zoac.core.errors import ConfigError
 
 ROBUSTNESS = "robustness"
 """Where `zoac.analysis.robustness` writes unless told otherwise."""
-
-
 _WRITTEN = (
     "what zoac.analysis.robustness wrote about a run that is shown; default: "
     f"{ROBUSTNESS}, if it is there"

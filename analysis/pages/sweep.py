@@ -27,7 +27,7 @@ from zoac.analysis.statistics.intervals import MIN_SEEDS, Interval
 
 def sweep(collection: Collection, task: str) -> str:
     """Return the comparison of all methods of a task: table, curves, differences, notes."""
-    comparison = compare(collection, task, whole_table=False)
+    comparison = compare(collection, task)
     known = {run: baseline_values(run) for run in collection.finished if run.tuned}
     baselines = {run: baseline for run, baseline in known.items() if baseline is not None}
     return "".join(

@@ -27,15 +27,6 @@ from zoac.core.seeding import stream
 
 NOMINAL = "nominal"
 
-TABLE2 = (
-    Method("mpc_tracking", "zoac", None),
-    Method("mpc_tracking_reg", "zoac", None),
-    Method("mpc_tracking", "bo", None),
-    Method("mpc_tracking", "cmaes", None),
-    Method("mpc_tracking", NOMINAL, None),
-)
-"""The rows of the paper's Table II, in its order."""
-
 
 @dataclass(frozen=True)
 class Claim:
@@ -127,7 +118,7 @@ def compare(
     budget: int | None = None,
     seeds: Sequence[int] | None = None,
     random_seed: int = 0,
-    whole_table: bool = True,
+    expected: Sequence[Method] = (),
 ) -> Comparison:
     """Summarise and compare all methods of `task` and of its regularised twin.
 
@@ -138,7 +129,7 @@ def compare(
         budget: Use the last evaluation of each run within so many environment steps.
         seeds: Seeds that every tuned method should have; default: all seeds of all methods.
         random_seed: Seed of the bootstrap.
-        whole_table: Whether to list rows of Table II of which there is no run.
+        expected: Methods of tuners that are listed even where there is no run.
 
     Raises:
         RunFolderError: If there is no such finished run, or runs must not be averaged or compared.
@@ -160,7 +151,6 @@ def compare(
     rows = {m: {run.seed: reached(run, budget) for run in group} for m, group in groups.items()}
     all_rows = [row for found in rows.values() for row in found.values()]
     episodes = min(len(row["cost_per_episode"]) for row in all_rows)
-    expected = TABLE2 if whole_table and task == TABLE2[0].task else ()
     known_tuners = {(m.task, m.tuner) for m in groups}
     missing = {m for m in expected if (m.task, m.tuner) not in known_tuners}
     methods = sorted({run.method for run in runs} | missing, key=lambda method: method.rank)
