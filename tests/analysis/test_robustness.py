@@ -1,8 +1,5 @@
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
-from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -27,7 +24,7 @@ class Gain(gymnasium.Env):
     observation_space = Box(-1.0, 1.0, (1,), np.float64)
     action_space = Box(-10.0, 10.0, (1,), np.float64)
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.g = 1.0
 
     def reset(self, *, seed=None, options=None):
@@ -103,7 +100,7 @@ def test_a_plant_that_varies_while_tuning_is_fixed_when_it_is_set():
     assert np.ptp(replay.costs(fixed, np.array([[1.0]]), 20, 0)) < 2.0
 
 
-def test_the_options_of_a_built_in_task_can_vary(tmp_path: Path):
+def test_the_options_of_a_built_in_task_can_vary(tmp_path):
     run = read(write_run(tmp_path))
     other = plants.on_plant(run, replay.rebuild(run), {"preceding_std": 0.4})
     assert isinstance(other, PidAcc)
@@ -155,7 +152,7 @@ def test_a_range_that_is_none_is_refused(tmp_path, capsys, text):
 class Steps(Gain):
     """The input counts in a whole number of halves."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.halves = 2
 
