@@ -58,14 +58,11 @@ def report(
 ) -> str:
     """Return the page: for each task a comparison, if there are several runs, and runs in detail.
 
-    Args:
-        collection: The runs.
-        tasks: Names of the tasks to show, without their regularised twins.
-        replay: Whether to drive controllers once more, for closed-loop plots.
-        robustness_folder: Where `zoac.analysis.robustness` may have written.
+    The tasks are those to show, without their regularised twins. With `replay`, controllers are
+    driven once more, for closed-loop plots.
 
     Raises:
-        RunFolderError: If what it wrote is damaged.
+        RunFolderError: If what `zoac.analysis.robustness` wrote into its folder is damaged.
     """
     with style.drawing(style.SCREEN):
         bodies = [_of_task(collection, task, replay, robustness_folder) for task in tasks]

@@ -34,18 +34,8 @@ def write_run(
 ):
     """Write a run folder and return it.
 
-    Args:
-        root: The folder that holds the runs.
-        tuner: Part of its identity.
-        seed: Likewise.
-        task: Likewise.
-        variant: Likewise.
-        costs: Final cost of each evaluation episode.
-        evaluations: Steps and mean cost of each evaluation while tuning, two episodes each.
-        finished: Whether it has a result.
-        config: Top-level configuration keys that differ from the default.
-        gains: The tuned parameters.
-        result: Keys of result.json that differ.
+    Its evaluations while tuning are pairs of steps and mean cost, of two episodes each; `costs` are
+    those of the final episodes. `config` and `result` hold keys that differ from the default.
     """
     folder = root / task / tuner / f"seed={seed}" / (f"variant={variant}" if variant else "")
     folder.mkdir(parents=True)

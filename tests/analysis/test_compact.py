@@ -187,20 +187,6 @@ def test_numbers_that_are_not_finite_come_back(tmp_path, bad):
     np.testing.assert_array_equal(run.evaluations[0]["cost_mean"], bad)
 
 
-def test_seeds_of_other_settings_do_not_come_back_all_alike(runs, tmp_path, capsys):
-    write_run(
-        runs,
-        seed=2,
-        config={"tuner": {"_target_": "somewhere.zoac", "exploration": {"sigma": 0.2}}},
-    )
-    assert compact.main([str(runs), "--out", str(tmp_path / "small")]) == 1
-    assert (
-        "tuner.exploration.sigma: (absent) in seed 0, seed 1; 0.2 in seed 2"
-        in capsys.readouterr().err
-    )
-    assert not (tmp_path / "small").exists()
-
-
 @pytest.mark.parametrize(("name", "options"), [("", []), ("careful", ["--summary"])])
 def test_the_logged_runs_of_this_repository_are_compact_already(tmp_path, name, options):
     assert (

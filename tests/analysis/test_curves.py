@@ -6,7 +6,7 @@ from zoac.analysis.curves import all_panels, main, series
 from zoac.analysis.data.load import load, read
 from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import method_labels
-from zoac.core.errors import ConfigError, RunFolderError
+from zoac.core.errors import ConfigError
 
 
 def curve(root, tuner, metric=None, against="env_steps"):
@@ -83,12 +83,6 @@ def test_a_method_that_lacks_the_metric_in_a_seed_is_left_out_with_a_word(tmp_pa
     assert [curve.method.tuner for curve in panel.curves] == ["zoac"]
     told = "left out bo on pid_acc: seed 1 logged no 'extra' against env_steps\n"
     assert capsys.readouterr().err.endswith(told)
-
-
-def test_unfinished_runs_are_not_averaged(tmp_path):
-    write_run(tmp_path, finished=False)
-    with pytest.raises(RunFolderError, match="no finished run"):
-        all_panels(load(tmp_path))
 
 
 def test_the_same_runs_give_the_same_pictures(sweep, tmp_path):

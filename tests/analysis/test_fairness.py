@@ -36,7 +36,9 @@ def test_seeds_on_two_plants_of_one_name_never_count_as_one_method(tmp_path, cap
     write_run(tmp_path, seed=0, config={"code": {"env": "here.P@1"}})
     write_run(tmp_path, seed=1, config={"code": {"env": "here.P@2"}})
     module = import_module(f"zoac.analysis.{command[0]}")
-    assert module.main([str(tmp_path), *command[1:]]) == 1
+    out = tmp_path / "out"
+    assert module.main([str(tmp_path), *command[1:], "--out", str(out)]) == 1
+    assert not out.exists()
     assert "code.env: here.P@1 in seed 0; here.P@2 in seed 1" in capsys.readouterr().err
 
 

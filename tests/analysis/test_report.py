@@ -167,14 +167,6 @@ def test_the_same_runs_give_the_same_page(tmp_path):
     assert pages[0] == pages[1]
 
 
-def test_no_finished_run_is_one_message(tmp_path, capsys):
-    write_run(tmp_path, finished=False)
-    assert main([str(tmp_path), "--out", str(tmp_path / "out")]) == 1
-    assert capsys.readouterr().err.endswith(
-        "error: no finished run among 1; relaunching an unfinished one resumes it\n"
-    )
-
-
 def test_commands_start_without_torch():
     modules = ("table2", "curves", "landscape", "trajectories", "report")
     imports = "; ".join(f"import zoac.analysis.{name}" for name in modules)

@@ -94,15 +94,6 @@ def test_a_cost_that_is_not_a_number_is_named_and_nothing_is_averaged(sweep):
     assert "BO -" not in text
 
 
-def test_mixed_configurations_end_with_one_message(sweep, tmp_path, capsys):
-    write_run(sweep, "zoac", 5, config={"num_envs": 4})
-    assert main([str(sweep), "--task", "pid_acc", "--out", str(tmp_path / "t")]) == 1
-    error = capsys.readouterr().err
-    assert error.startswith("error: the runs of zoac on pid_acc differ in their configuration")
-    assert "  num_envs: 2 in seed 0, seed 1, seed 2, seed 3, seed 4; 4 in seed 5" in error
-    assert not (tmp_path / "t").exists()
-
-
 def test_variants_that_do_not_compare_are_offered_as_a_choice(sweep, tmp_path, capsys):
     write_run(sweep, "zoac", 0, variant="short", config={"budget": 500})
     command = [str(sweep), "--task", "pid_acc", "--out", str(tmp_path)]
@@ -118,13 +109,6 @@ def test_variants_that_do_not_compare_are_offered_as_a_choice(sweep, tmp_path, c
 def test_an_unknown_task_is_one_message(sweep, tmp_path, capsys):
     assert main([str(sweep), "--task", "mpc_tracking", "--out", str(tmp_path)]) == 1
     assert capsys.readouterr().err == "error: no run of task 'mpc_tracking'; known: pid_acc\n"
-
-
-def test_the_same_runs_give_the_same_bytes(sweep, tmp_path):
-    for out in ("a", "b"):
-        assert main([str(sweep), "--task", "pid_acc", "--out", str(tmp_path / out)]) == 0
-    for name in ("table2.md", "table2.tex", "table2.csv"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
 def test_claims_follow_the_intervals(sweep):
