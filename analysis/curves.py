@@ -11,7 +11,6 @@ import argparse
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,10 +31,6 @@ from zoac.analysis.figures.labels import (
 from zoac.analysis.statistics.intervals import Scores, interquartile_mean, mean, summarise
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.seeding import stream
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 AXES = ("env_steps", "wall_seconds", "compute_seconds")
 STATISTICS = {"mean": mean, "iqm": interquartile_mean}
@@ -153,7 +148,7 @@ def _lacking(runs: Sequence[Run], metric: str, against: str) -> str:
     return f"{run.method}: seed {run.seed} logged no {metric!r} against {against}"
 
 
-def draw(panels: Sequence[Panel], against: str) -> Figure:
+def draw(panels: Sequence[Panel], against: str) -> style.Figure:
     """Return a figure with the panels side by side and one legend above them."""
     figure, grid = style.panels(len(panels), min(3, len(panels)), 2.3, 0.1)
     methods = sorted({c.method for p in panels for c in p.curves}, key=lambda m: m.rank)
@@ -168,7 +163,7 @@ def draw(panels: Sequence[Panel], against: str) -> Figure:
 
 
 def draw_panel(
-    axes: Axes,
+    axes: style.Axes,
     panel: Panel,
     looks: Mapping[Method, style.Look],
     labels: Mapping[Method, str],

@@ -14,7 +14,6 @@ import sys
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -38,10 +37,6 @@ from zoac.analysis.pages import html
 from zoac.analysis.pages.formatting import pipes, signed, significant
 from zoac.core.errors import ConfigError
 from zoac.core.types import bad_is_infinite
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 TAIL = 0.1
 """Fraction of the costliest episodes whose mean is the tail risk (CVaR)."""
@@ -151,7 +146,7 @@ def table(varied: Variation | None, around: Sequence[Sensitivity]) -> str:
     return frame.to_csv(index=False, lineterminator="\n")
 
 
-def draw(varied: Variation | None, around: Sequence[Sensitivity]) -> Figure:
+def draw(varied: Variation | None, around: Sequence[Sensitivity]) -> style.Figure:
     """Return a figure: cost against each varied number, and the sensitivity."""
     plants = {} if varied is None else varied.plants
     figure = style.blank(style.PAGE, max(2.2, 0.5 + 0.16 * len(around)))
@@ -165,7 +160,7 @@ def draw(varied: Variation | None, around: Sequence[Sensitivity]) -> Figure:
     return figure
 
 
-def draw_costs(axes: Axes, varied: Variation, name: str) -> None:
+def draw_costs(axes: style.Axes, varied: Variation, name: str) -> None:
     """Draw the cost of each controller on each plant against one varied number."""
     x = varied.plants[name]
     for controller, costs in varied.costs.items():
@@ -177,7 +172,7 @@ def draw_costs(axes: Axes, varied: Variation, name: str) -> None:
     axes.set_ylabel("Cost")
 
 
-def draw_sensitivity(axes: Axes, around: Sequence[Sensitivity]) -> None:
+def draw_sensitivity(axes: style.Axes, around: Sequence[Sensitivity]) -> None:
     """Draw by how much the cost changes with each parameter moved a little down and up."""
     order = sorted(around, key=_size)
     rows = np.arange(len(order))

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -26,9 +25,6 @@ from zoac.analysis.statistics import profiles
 from zoac.analysis.statistics.intervals import Interval
 from zoac.analysis.statistics.profiles import RANDOM
 from zoac.core.errors import ConfigError, RunFolderError, suggest
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 COLUMNS = ["problem", "parameters", "tuner", "experiments", "seed", "cost", "seconds"]
 KEY = ["problem", "tuner", "experiments", "seed"]
@@ -208,7 +204,7 @@ def _cell(value: Interval) -> str:
     return f"{value.estimate:.2f} [{value.low:.2f}, {value.high:.2f}]"
 
 
-def figure(scored: pd.DataFrame) -> Figure:
+def figure(scored: pd.DataFrame) -> style.Figure:
     """Return the performance profiles: the share of runs within each score, by experiments."""
     counts = sorted(set(scored["experiments"]))
     drawn = style.blank(style.PAGE, 2.4)

@@ -9,17 +9,8 @@ from typing import Any
 from zoac.analysis.data.runs import Collection, Method, Run, order
 from zoac.core.errors import RunFolderError
 from zoac.core.types import is_number
-from zoac.runs.schema import (
-    METRICS,
-    RESULT,
-    RUN,
-    differing_keys,
-    is_done,
-    plain,
-    read_metrics,
-    read_result,
-    read_run,
-)
+from zoac.runs import schema
+from zoac.runs.schema import METRICS, RESULT, RUN
 
 OF_EVERY_ROW = ("env_steps", "wall_seconds")
 """Numbers that every row of `metrics.jsonl` has."""
@@ -70,20 +61,20 @@ def read(folder: Path) -> Run:
     Raises:
         RunFolderError: If it is damaged, or its files do not belong together.
     """
-    identity = read_run(folder)
-    done = is_done(folder)
-    metrics = read_metrics(folder) if done or (folder / METRICS).exists() else []
+    identity = schema.read_run(folder)
+    done = schema.is_done(folder)
+    metrics = schema.read_metrics(folder) if done or (folder / METRICS).exists() else []
     _refuse_rows(folder, metrics)
     if not done:
         return Run(folder, identity, metrics, None)
-    result = read_result(folder)
+    result = schema.read_result(folder)
     if not (metrics and metrics[-1].get("final")):
         raise RunFolderError(
             f"{folder}: the run is finished, but {METRICS} does not end with its final "
             "evaluation; the end of the file is lost"
         )
     for key in AGREED:
-        end, told = plain(metrics[-1].get(key)), plain(result[key])
+        end, told = schema.plain(metrics[-1].get(key)), schema.plain(result[key])
         if end != told:
             raise RunFolderError(
                 f"{folder}: the final evaluation in {METRICS} and {RESULT} disagree on {key}: "
@@ -123,7 +114,7 @@ def _refuse_copies(runs: Sequence[Run]) -> None:
         if other is run:
             continue
         folders = f"{run.method}, seed {run.seed}: {other.folder} and {run.folder}"
-        differences = differing_keys(other.config, run.config)
+        differences = schema.differing_keys(other.config, run.config)
         if not differences:
             raise RunFolderError(f"two folders hold the same run, {folders}; move one away")
         told = "".join(f"\n  {key}: {a!r} and {b!r}" for key, (a, b) in differences.items())
