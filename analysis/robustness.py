@@ -18,18 +18,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from zoac.analysis.data import cli
-from zoac.analysis.data.plants import (
-    BASELINE,
-    STEP,
-    TUNED,
-    Sensitivity,
-    Variation,
-    as_json,
-    read,
-    sensitivity,
-    vary,
-)
+from zoac.analysis.data import cli, plants
+from zoac.analysis.data.plants import STEP, Sensitivity, Variation
 from zoac.analysis.data.runs import Run
 from zoac.analysis.data.selection import chosen
 from zoac.analysis.figures import style
@@ -44,8 +34,8 @@ TAIL = 0.1
 FILE = "robustness.json"
 """From which `report` makes its part on robustness."""
 
-LOOKS = {TUNED: style.AFTER, BASELINE: style.BEFORE}
-MARKERS = {TUNED: "o", BASELINE: "^"}
+LOOKS = {plants.TUNED: style.AFTER, plants.BASELINE: style.BEFORE}
+MARKERS = {plants.TUNED: "o", plants.BASELINE: "^"}
 
 
 @cli.command(
@@ -61,11 +51,11 @@ def main(options: argparse.Namespace) -> None:
     ranges = dict(_parsed(text) for text in options.vary or ())
     run = chosen(cli.load_one_task(options), options.tuner, options.seed)[0]
     print(f"{run.folder}: {run.method}, seed {run.seed}", file=sys.stderr)
-    varied = vary(run, ranges, options.plants, options.episodes) if ranges else None
-    around = sensitivity(run, options.episodes)
+    varied = plants.vary(run, ranges, options.plants, options.episodes)
+    around = plants.sensitivity(run, options.episodes)
     cli.write_markdown(options.out / "robustness.md", markdown(run, varied, around))
     cli.write(options.out / "robustness.csv", table(varied, around))
-    cli.write(options.out / FILE, as_json(run, varied, around))
+    cli.write(options.out / FILE, plants.as_json(run, varied, around))
     style.save(lambda: draw(varied, around), options, "robustness")
 
 
@@ -111,29 +101,28 @@ def changes(around: Sequence[Sensitivity]) -> list[list[str]]:
     return lines
 
 
-def markdown(run: Run, varied: Variation | None, around: Sequence[Sensitivity]) -> str:
+def markdown(run: Run, varied: Variation, around: Sequence[Sensitivity]) -> str:
     """Return both tables as Markdown."""
     parts = [f"# Robustness of {run.method}, seed {run.seed}"]
-    if varied is not None:
-        plants, episodes = varied.size
+    if varied.plants:
+        count, episodes = varied.size
         parts += [
-            f"Cost over {plants} plants of {episodes} episodes each: {varied}.",
+            f"Cost over {count} plants of {episodes} episodes each: {varied}.",
             pipes(summary(varied)),
         ]
     parts += [f"Change of the mean cost with one parameter moved by {STEP / 2:.0%} of its range:"]
     return "\n\n".join([*parts, pipes(changes(around))]) + "\n"
 
 
-def table(varied: Variation | None, around: Sequence[Sensitivity]) -> str:
+def table(varied: Variation, around: Sequence[Sensitivity]) -> str:
     """Return every number at full precision, one row per controller and plant or parameter."""
-    plants = {} if varied is None else varied.plants
     rows = [
         {
             "kind": "plant", "name": controller, "plant": k,
-            **{name: values[k] for name, values in plants.items()},
+            **{name: values[k] for name, values in varied.plants.items()},
             "cost_mean": costs.mean(), "cost_tail": tail_risk(costs), "cost_worst": costs.max(),
         }
-        for controller, table in (varied.costs.items() if varied is not None else ())
+        for controller, table in varied.costs.items()
         for k, costs in enumerate(table)
     ]  # fmt: skip
     rows += [
@@ -141,19 +130,17 @@ def table(varied: Variation | None, around: Sequence[Sensitivity]) -> str:
         for s in around
         for direction in ("below", "above")
     ]
-    columns = ["kind", "name", "plant", *plants, "cost_mean", "cost_tail", "cost_worst"]
+    columns = ["kind", "name", "plant", *varied.plants, "cost_mean", "cost_tail", "cost_worst"]
     frame = pd.DataFrame(rows, columns=columns).astype({"plant": "Int64"})
     return frame.to_csv(index=False, lineterminator="\n")
 
 
-def draw(varied: Variation | None, around: Sequence[Sensitivity]) -> style.Figure:
+def draw(varied: Variation, around: Sequence[Sensitivity]) -> style.Figure:
     """Return a figure: cost against each varied number, and the sensitivity."""
-    plants = {} if varied is None else varied.plants
     figure = style.blank(style.PAGE, max(2.2, 0.5 + 0.16 * len(around)))
-    panels = figure.subplots(1, len(plants) + 1, squeeze=False)[0]
-    if varied is not None:
-        for axes, name in zip(panels, plants, strict=False):
-            draw_costs(axes, varied, name)
+    panels = figure.subplots(1, len(varied.plants) + 1, squeeze=False)[0]
+    for axes, name in zip(panels, varied.plants, strict=False):
+        draw_costs(axes, varied, name)
     draw_sensitivity(panels[-1], around)
     for axes in panels:
         axes.legend()
@@ -193,12 +180,12 @@ def part(run: Run, folder: Path) -> str:
     Raises:
         RunFolderError: If its file is damaged.
     """
-    found = read(folder / FILE, run)
+    found = plants.read(folder / FILE, run)
     if found is None:
         return ""
     varied, around = found
-    plants = "" if varied is None else _plants_part(run, varied)
-    return plants + _sensitivity_part(run, around)
+    drawn = _plants_part(run, varied) if varied.plants else ""
+    return drawn + _sensitivity_part(run, around)
 
 
 def _plants_part(run: Run, varied: Variation) -> str:
