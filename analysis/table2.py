@@ -12,7 +12,6 @@ from zoac.analysis.data import cli
 from zoac.analysis.data.runs import Method
 from zoac.analysis.figures.labels import TASKS, family
 from zoac.analysis.pages.formatting import (
-    NOTHING,
     bounds,
     number,
     pipes,
@@ -26,12 +25,11 @@ from zoac.analysis.statistics.intervals import MeanStd
 class PaperRow(NamedTuple):
     """One row of Table II as printed."""
 
-    cost: MeanStd | None = None
-    prediction_error: MeanStd | None = None
-    seconds: MeanStd | None = None
+    cost: MeanStd = MeanStd()
+    prediction_error: MeanStd = MeanStd()
+    seconds: MeanStd = MeanStd()
 
 
-NO_STD = float("nan")
 PAPER = {
     ("mpc_tracking", "zoac"): PaperRow(
         MeanStd(41.7, 3.8), MeanStd(2.9e-4, 1.4e-4), MeanStd(6.5e3, 0.2e3)
@@ -45,7 +43,7 @@ PAPER = {
     ("mpc_tracking", "cmaes"): PaperRow(
         MeanStd(185.0, 184.6), MeanStd(4.4e-4, 2.9e-4), MeanStd(2.6e4, 0.1e4)
     ),
-    ("mpc_tracking", NOMINAL): PaperRow(MeanStd(37.16, NO_STD), MeanStd(0.0, NO_STD)),
+    ("mpc_tracking", NOMINAL): PaperRow(MeanStd(37.16), MeanStd(0.0)),
 }
 TABLE2 = [Method(task, tuner, None) for task, tuner in PAPER]
 
@@ -165,8 +163,8 @@ def _cells(s: Summary) -> list[str]:
         plus_minus(means["prediction_error"]),
         plus_minus(paper.prediction_error),
         plus_minus(means["violations"]),
-        plus_minus(means["wall_seconds"] if s.tuned else None),
-        plus_minus(means["compute_seconds"] if s.tuned else None),
+        plus_minus(means["wall_seconds"] if s.tuned else MeanStd()),
+        plus_minus(means["compute_seconds"] if s.tuned else MeanStd()),
         plus_minus(paper.seconds),
     ]
 
@@ -174,7 +172,7 @@ def _cells(s: Summary) -> list[str]:
 def _statistics_cells(s: Summary) -> list[str]:
     cells = [s.label]
     for interval in s.intervals.values():
-        cells += [NOTHING if interval is None else number(interval.estimate), bounds(interval)]
+        cells += [number(interval.estimate), bounds(interval)]
     return cells
 
 
@@ -187,10 +185,10 @@ def _record(s: Summary) -> dict[str, Any]:
     }
     for name, interval in s.intervals.items():
         keys = name, f"{name}_low", f"{name}_high"
-        record |= zip(keys, interval or (None, None, None), strict=True)
+        record |= zip(keys, interval, strict=True)
     printed = {f"paper_{name}": value for name, value in _paper(s)._asdict().items()}
     for name, value in {**s.means, **printed}.items():
-        record |= zip((f"{name}_mean", f"{name}_std"), value or (None, None), strict=True)
+        record |= zip((f"{name}_mean", f"{name}_std"), value, strict=True)
     return record
 
 

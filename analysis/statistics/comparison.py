@@ -13,6 +13,7 @@ from zoac.analysis.figures.labels import family, method_labels, tuner_names
 from zoac.analysis.pages.formatting import estimate
 from zoac.analysis.statistics.intervals import (
     MIN_SEEDS,
+    UNKNOWN,
     Interval,
     MeanStd,
     Scores,
@@ -36,13 +37,13 @@ class Claim:
         first: Label of one method.
         second: Label of the other.
         difference: Mean cost of the first minus that of the second, paired.
-        improvement: Probability that a seed of the first costs less; None if one is not tuned.
+        improvement: Probability that a seed of the first costs less; unknown if one is not tuned.
     """
 
     first: str
     second: str
     difference: Interval
-    improvement: Interval | None
+    improvement: Interval
 
     def __str__(self) -> str:
         d, p = self.difference, self.improvement
@@ -50,7 +51,7 @@ class Claim:
         if not d.exists:
             return f"{pair}: no claim, fewer than {MIN_SEEDS} seeds"
         means = f"{pair}: {self._said(d.side(), 'costs less on average')}"
-        if p is None:
+        if not p.exists:
             return means
         seeds = f"P({self.first} better) = {p.estimate:.2f} [{p.low:.3f}, {p.high:.3f}]"
         return f"{means}; {seeds}: {self._said(-p.side(of=0.5), 'is the better more often')}"
@@ -61,7 +62,7 @@ class Claim:
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """One method over its seeds. Numbers that cannot be had are None.
+    """One method over its seeds. Numbers that cannot be had are NaN.
 
     Args:
         method: Task, tuner and variant.
@@ -84,8 +85,8 @@ class Summary:
     seeds: tuple[int, ...]
     missing: tuple[int, ...]
     not_finite: tuple[int, ...]
-    intervals: Mapping[str, Interval | None]
-    means: Mapping[str, MeanStd | None]
+    intervals: Mapping[str, Interval]
+    means: Mapping[str, MeanStd]
     choices: Mapping[str, Any]
 
 
@@ -167,7 +168,7 @@ def compare(
     summaries = [
         _summary(
             method, labels[method], groups.get(method, []), rows.get(method, {}), wanted,
-            scores.get(method), minus_nominal.get(labels[method]), random_seed,
+            scores.get(method), minus_nominal.get(labels[method], UNKNOWN), random_seed,
         )
         for method in methods
     ]  # fmt: skip
@@ -202,18 +203,18 @@ def _summary(
     rows: Mapping[int, Mapping[str, Any]],
     wanted: Sequence[int],
     scores: Scores | None,
-    minus_nominal: Interval | None,
+    minus_nominal: Interval,
     random_seed: int,
 ) -> Summary:
     """Return the summary of a method with its runs, and with what each seed reached."""
     tuned = scores.tuned if scores is not None else method.tuner != NOMINAL
-    cost = iqm = None
+    cost = iqm = UNKNOWN
     if scores is not None:
         name = f"analysis {label}"
         cost = summarise(scores, stream(random_seed, name))
         iqm = summarise(scores, stream(random_seed, name, 1), statistic=interquartile_mean)
 
-    def over_seeds(values: Sequence[float]) -> MeanStd | None:
+    def over_seeds(values: Sequence[float]) -> MeanStd:
         # The seeds of a controller that was not tuned are copies.
         return mean_std(values if tuned else values[:1])
 
@@ -230,7 +231,7 @@ def _summary(
         not_finite=tuple(s for s, r in rows.items() if not np.isfinite(_costs(r)).all()),
         intervals={"cost": cost, "iqm": iqm, "minus_nominal": minus_nominal},
         means={
-            "cost": None if scores is None else over_seeds(scores.per_seed.tolist()),
+            "cost": over_seeds([] if scores is None else scores.per_seed.tolist()),
             "prediction_error": over_seeds(errors),
             "violations": over_seeds(violated),
             "wall_seconds": mean_std([r["wall_seconds"] for r in found]),
@@ -246,7 +247,7 @@ def _claims(methods: Sequence[tuple[str, Scores]], random_seed: int) -> tuple[Cl
     for (first, a), (second, b) in combinations(methods, 2):
         rng = stream(random_seed, f"analysis {first} - {second}")
         both = a.tuned and b.tuned
-        improvement = probability_of_improvement(a.per_seed, b.per_seed) if both else None
+        improvement = probability_of_improvement(a.per_seed, b.per_seed) if both else UNKNOWN
         made.append(Claim(first, second, paired_difference(a, b, rng), improvement))
     return tuple(made)
 

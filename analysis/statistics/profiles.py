@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pandas as pd
 
-from zoac.analysis.statistics.intervals import Interval
+from zoac.analysis.statistics.intervals import UNKNOWN, Interval
 from zoac.core.errors import RunFolderError
 from zoac.core.seeding import stream
 from zoac.core.types import bad_is_infinite
@@ -86,7 +86,7 @@ def improvement(first: pd.DataFrame, second: pd.DataFrame) -> Interval:
     """
     common = sorted(set(first["problem"]) & set(second["problem"]))
     if not common:
-        return Interval(np.nan, np.nan, np.nan)
+        return UNKNOWN
     tables = [_by_seed(runs[runs["problem"].isin(common)], "cost") for runs in (first, second)]
 
     def probability(drawn: list[np.ndarray]) -> np.ndarray:
