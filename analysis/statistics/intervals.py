@@ -13,7 +13,6 @@ and this interval in 92%. For fewer than five seeds there is no interval.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -21,8 +20,6 @@ from scipy.special import ndtr, ndtri, stdtrit
 
 Statistic = Callable[[np.ndarray], np.ndarray]
 """Reduces the last axis, seeds, to one number: (..., S) -> (...)."""
-
-mean: Statistic = partial(np.mean, axis=-1)
 
 LEVEL = 0.95
 RESAMPLES = 10_000
@@ -84,6 +81,11 @@ def mean_std(values: Sequence[float] | np.ndarray) -> MeanStd:
     if not array.size or not np.isfinite(array).all():
         return MeanStd()
     return MeanStd(float(array.mean()), float(array.std(ddof=1)) if array.size > 1 else math.nan)
+
+
+def mean(values: np.ndarray) -> np.ndarray:
+    """Return the mean over the last axis."""
+    return np.mean(values, axis=-1)
 
 
 def interquartile_mean(values: np.ndarray) -> np.ndarray:

@@ -68,13 +68,6 @@ def test_what_needs_single_episodes_refuses_a_summary(runs, tmp_path, capsys, co
     assert "only means over the episodes were kept" in capsys.readouterr().err
 
 
-def test_a_summary_of_a_summary_is_the_same_bytes(runs, tmp_path):
-    for source, out in ((runs, "a"), (tmp_path / "a", "b")):
-        assert compact.main([str(source), "--out", str(tmp_path / out), "--summary"]) == 0
-    for path in (tmp_path / "a").iterdir():
-        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
-
-
 def test_evaluations_come_back_to_six_digits(runs, small):
     for run, twin in zip(load(runs).runs, load(small).runs, strict=True):
         assert len(twin.evaluations) == (len(run.evaluations) if run.tuned else 0)
@@ -96,12 +89,6 @@ def test_tables_of_both_are_the_same_bytes(runs, small, tmp_path):
         assert table2.main([str(source), "--task", "pid_acc", "--out", str(tmp_path / out)]) == 0
     for name in ("table2.md", "table2.tex", "table2.csv"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-
-
-def test_the_files_are_the_same_bytes_whenever_written(runs, small, tmp_path):
-    assert compact.main([str(small), "--out", str(tmp_path / "again")]) == 0
-    for name in ("runs.csv", "methods.json"):
-        assert (tmp_path / "again" / name).read_bytes() == (small / name).read_bytes()
 
 
 def test_a_folder_with_a_file_missing_is_refused_and_the_file_named(small, capsys):

@@ -111,12 +111,6 @@ def test_a_claim_needs_the_whole_interval_on_one_side(low, high, sign):
     assert Interval((low + high) / 2 + 7, low + 7, high + 7).side(of=7.0) == sign
 
 
-def test_same_generator_same_interval():
-    scores = Scores(np.random.default_rng(5).normal(size=(5, 8)))
-    first, second = (summarise(scores, np.random.default_rng(7)) for _ in range(2))
-    assert first == second
-
-
 def test_probability_of_improvement_of_two_normals(rng):
     # P(A < B) for A ~ N(0, 1), B ~ N(1, 1) is Phi(1 / sqrt(2)).
     estimate = probability_of_improvement(rng.normal(0, 1, 2000), rng.normal(1, 1, 2000)).estimate

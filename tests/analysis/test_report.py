@@ -11,6 +11,9 @@ import pytest
 import zoac
 from tests.analysis.folders import NOMINAL, write_run
 from zoac.analysis import compact, robustness
+from zoac.analysis.data.load import load
+from zoac.analysis.figures import style
+from zoac.analysis.pages import sweep as pages
 from zoac.analysis.report import main
 
 VOID = {"meta", "br", "link", "img"}
@@ -39,6 +42,11 @@ class Tags(HTMLParser):
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
+
+
+def comparison(root):
+    with style.drawing(style.SCREEN):
+        return pages.sweep(load(root), "pid_acc")
 
 
 SPECS = [
@@ -94,9 +102,13 @@ def rows_of(text, heading):
 
 
 @pytest.fixture(scope="module")
-def signals(tmp_path_factory):
-    folder = with_signals(tmp_path_factory.mktemp("runs"))
-    return page(folder, tmp_path_factory.mktemp("out"))
+def signals_folder(tmp_path_factory):
+    return with_signals(tmp_path_factory.mktemp("runs"))
+
+
+@pytest.fixture(scope="module")
+def signals(signals_folder, tmp_path_factory):
+    return page(signals_folder, tmp_path_factory.mktemp("out"))
 
 
 @pytest.fixture(scope="module")
@@ -161,10 +173,8 @@ def test_a_task_that_cannot_be_rebuilt_costs_only_the_closed_loop(tmp_path):
     assert "its task cannot be built again" in page(folder, tmp_path / "out", "--trust-code")
 
 
-def test_the_same_runs_give_the_same_page(tmp_path):
-    write_run(tmp_path / "runs")
-    pages = [page(tmp_path / "runs", tmp_path / out) for out in ("a", "b")]
-    assert pages[0] == pages[1]
+def test_the_same_runs_give_the_same_page(signals_folder, signals, tmp_path):
+    assert page(signals_folder, tmp_path) == signals
 
 
 def test_commands_start_without_torch():
@@ -275,9 +285,9 @@ def test_no_heading_is_empty(text, signals, tmp_path):
         assert '<div class="gallery"></div>' not in found
 
 
-def test_pairs_without_a_difference_are_one_sentence(sweep, tmp_path):
-    text = page(sweep, tmp_path / "out", "--no-replay")
-    differences = text.split("<h3>Differences</h3>")[1].split("<details open>")[0]
+def test_pairs_without_a_difference_are_one_sentence(sweep):
+    text = comparison(sweep)
+    differences = text.split("<h3>Differences</h3>")[1]
     assert "no claim" not in text
     assert "1 of 6 pairs show no clear difference" in differences
     said = re.findall(r"<li>(.*?)</li>", differences)
@@ -294,7 +304,7 @@ def test_a_sweep_says_which_runs_are_better_than_the_baseline(tmp_path):
         for seed, cost in enumerate(costs):
             result = {"baseline": baseline}
             write_run(tmp_path, tuner, seed, costs=[cost, cost], result=result)
-    text = page(tmp_path, tmp_path / "out", "--no-replay")
+    text = comparison(tmp_path)
     assert "The baseline values cost 5 in the same episodes. 3 of 4 runs ended with a lower" in text
     rows = rows_of(text, "Comparison")
     assert {name: row["Better than baseline"] for name, row in rows.items()} == {
