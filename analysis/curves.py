@@ -135,8 +135,8 @@ def all_panels(
                         if curve is None:
                             print(f"left out {_lacking(group, name, against)}", file=sys.stderr)
     if not panels:
-        if metric and metric not in (known := _logged(runs)):
-            raise ConfigError(f"no run logged {metric!r}; {suggest(metric, known)}")
+        if metric and metric not in (logged := _logged(runs)):
+            raise ConfigError(f"no run logged {metric!r}; {suggest(metric, logged)}")
         lacking = _lacking(runs, metric or "cost_mean", against)
         raise ConfigError(f"no method has a curve in all of its seeds: {lacking}")
     return panels

@@ -98,7 +98,7 @@ def command(
             parser = argparse.ArgumentParser(prog=prog, description=summary)
             parser.add_argument("runs", type=folder, help="a folder of runs, or one run folder")
             where = {"type": folder, "default": Path(out), "metavar": "FOLDER"}
-            named = {"out": {**where, "help": f"default: {out}"}}
+            named: dict[str, dict[str, Any]] = {"out": {**where, "help": f"default: {out}"}}
             named |= {name: OPTIONS[name] for name in shared} | own
             for name, arguments in named.items():
                 parser.add_argument(f"--{name.replace('_', '-')}", **arguments)
