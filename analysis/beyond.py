@@ -28,18 +28,14 @@ ASIDE = ("budget", "mpc_solver", "executor")
 ROW = ["tuner", "variant"]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write one table per task; return the exit code."""
-    parser = cli.parser("beyond", "Tuners at several budgets, as ratios.", "tables")
-    parser.add_argument("--task", help="default: all tasks")
-    parser.add_argument(
-        "--reference", choices=REFERENCES, default="nominal", help="default: nominal"
-    )
-    parser.add_argument("--seeds", metavar="0-9", type=cli.seeds, help="default: all")
-    return cli.guarded(_command, parser, argv)
-
-
-def _command(options: argparse.Namespace) -> None:
+@cli.command(
+    "beyond", "Tuners at several budgets, as ratios.", "tables",
+    task={"help": "default: all tasks"},
+    reference={"choices": REFERENCES, "default": "nominal", "help": "default: nominal"},
+    seeds={"metavar": "0-9", "type": cli.seeds, "help": "default: all"},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Write one table per task."""
     collection = cli.load_runs(options, episodes=False)
     if options.task:
         collection = collection.of_task(options.task)
@@ -86,16 +82,11 @@ def table(
 ) -> pd.DataFrame:
     """Return tuner, variant, budget, seed, ratio, and terminations per 100,000 steps of each run.
 
-    The method that is best at its largest budget comes first.
-
-    Args:
-        runs: Finished runs of one task.
-        reference: The run by whose cost theirs are divided.
-        seeds: Those to count; default: all.
+    The runs are finished ones of one task; those of other seeds do not count. The method that is
+    best at its largest budget comes first.
 
     Raises:
-        RunFolderError: If there is no run, if two runs have the same row, budget and seed, or if
-            seeds, methods or the reference are not comparable.
+        RunFolderError: If there is no such run, or if they or the reference are not comparable.
     """
     tuned = [run for run in runs if run.tuned]
     frame = pd.DataFrame(

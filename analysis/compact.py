@@ -22,6 +22,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from zoac.analysis.data import cli
 from zoac.analysis.data.fairness import unmixed
 from zoac.analysis.data.runs import Run
 from zoac.core.errors import RunFolderError, as_text
@@ -52,48 +53,33 @@ LEFT_OUT = ("x", "config_hash", "format")
 
 OF_ONE_EVALUATION = ("kind", "final", "parameters", "episode_lengths", "baseline_cost_mean")
 """Of an evaluation while tuning: what is not kept."""
+_APART = "evaluations while tuning at least so far apart; default: all"
+_MEANS = "no evaluations while tuning, and of results no single episodes"
+_DIGITS = (
+    "significant digits; default: of evaluations while tuning six, of results all, so that they "
+    "come back exactly"
+)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write the three files; return the exit code."""
-    from zoac.analysis.data import cli  # which loads runs, and so reads this module
-
-    parser = cli.parser("compact", "Runs in three small files.", "compact")
-    apart = "evaluations while tuning at least so far apart; default: all"
-    parser.add_argument("--every", type=cli.count, default=1, metavar="STEPS", help=apart)
-    summary = "no evaluations while tuning, and of results no single episodes"
-    parser.add_argument("--summary", action="store_true", help=summary)
-    parameters = "also the parameters of evaluations while tuning"
-    parser.add_argument("--parameters", action="store_true", help=parameters)
-    digits = (
-        "significant digits; default: of evaluations while tuning six, of results all, so that "
-        "they come back exactly"
-    )
-    parser.add_argument("--digits", type=cli.count, metavar="N", help=digits)
-
-    def command(options: argparse.Namespace) -> None:
-        runs = cli.load_runs(options, episodes=not options.summary).some_finished()
-        left_out = (*LISTS, "baseline") if options.summary else ()
-        evaluated = () if options.summary else runs
-        files = {
-            RUNS: runs_csv(runs, options.digits, left_out),
-            EVALUATIONS: evaluations_csv(
-                evaluated, options.every, options.digits, options.parameters
-            ),
-            METHODS: methods_json(runs),
-        }
-        for name, content in files.items():
-            cli.write(options.out / name, content)
-
-    return cli.guarded(command, parser, argv)
-
-
-def runs_csv(runs: Iterable[Run], digits: int | None = None, left_out: Sequence[str] = ()) -> str:
-    """Return one row per run, without some of its result's keys.
-
-    Numbers have so many significant digits, or all.
-    """
-    return _csv([_row(run, run.outcome, (*LEFT_OUT, *left_out)) for run in runs], digits)
+@cli.command(
+    "compact", "Runs in three small files.", "compact",
+    every={"type": cli.count, "default": 1, "metavar": "STEPS", "help": _APART},
+    summary={"action": "store_true", "help": _MEANS},
+    parameters={"action": "store_true", "help": "also the parameters of evaluations while tuning"},
+    digits={"type": cli.count, "metavar": "N", "help": _DIGITS},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Write the three files."""
+    runs = cli.load_runs(options, episodes=not options.summary).some_finished()
+    left_out = (*LEFT_OUT, *((*LISTS, "baseline") if options.summary else ()))
+    evaluated = () if options.summary else runs
+    files = {
+        RUNS: _csv([_row(run, run.outcome, left_out) for run in runs], options.digits),
+        EVALUATIONS: evaluations_csv(evaluated, options.every, options.digits, options.parameters),
+        METHODS: methods_json(runs),
+    }
+    for name, content in files.items():
+        cli.write(options.out / name, content)
 
 
 def evaluations_csv(
@@ -126,18 +112,11 @@ def methods_json(runs: Iterable[Run]) -> str:
 
 
 def _row(run: Run, record: Mapping[str, Any], left_out: Collection[str]) -> dict[str, Any]:
-    """Return the key of a run and what a record says, parameters last, as `_nested` reads it."""
+    """Return the key of a run and what a record says, parameters last, as `_rows` reads it."""
     row = {key: run.identity[key] for key in KEY}
     row |= {k: v for k, v in record.items() if k not in (*KEY, *left_out, "parameters")}
     named = {} if "parameters" in left_out else record.get("parameters", {})
     return row | {f"{PARAMETER}{name}": value for name, value in named.items()}
-
-
-def _nested(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a row with its parameters by name, if it has any."""
-    named = {k.removeprefix(PARAMETER): v for k, v in row.items() if k.startswith(PARAMETER)}
-    others = {k: v for k, v in row.items() if not k.startswith(PARAMETER)}
-    return {**others, "parameters": named} if named else others
 
 
 def _csv(rows: Sequence[Mapping[str, Any]], digits: int | None) -> str:
@@ -181,15 +160,13 @@ def _read(folder: Path) -> Iterator[Run]:
     records = json.loads((folder / METHODS).read_text(encoding="utf-8"))
     methods = {tuple(record[key] for key in TEXTS): record for record in records}
     evaluations: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
-    for row in _rows(folder / EVALUATIONS):
-        key = tuple(row[name] for name in KEY)
-        evaluations.setdefault(key, []).append({"kind": "eval", "final": False, **_nested(row)})
-    for row in _rows(folder / RUNS):
-        key = tuple(row[name] for name in KEY)
+    for key, row in _rows(folder / EVALUATIONS):
+        evaluations.setdefault(key, []).append({"kind": "eval", "final": False, **row})
+    for key, row in _rows(folder / RUNS):
         method, seed = methods[key[:-1]], key[-1]
         config = {**method["config"], "seed": seed}
         shared = {"config": config, "config_hash": config_hash(config)}
-        result = {"parameters": {}, **_nested(row), "config_hash": shared["config_hash"]}
+        result = {"parameters": {}, **row, "config_hash": shared["config_hash"]}
         yield Run(
             folder / "-".join(str(part) for part in key if part is not None),
             {**method, "seed": seed, **shared},
@@ -198,14 +175,19 @@ def _read(folder: Path) -> Iterator[Run]:
         )
 
 
-def _rows(path: Path) -> Iterator[dict[str, Any]]:
+def _rows(path: Path) -> Iterator[tuple[tuple[Any, ...], dict[str, Any]]]:
+    """Yield the key of each row and the row, with its parameters by name if it has any."""
     text = path.read_bytes().decode("utf-8")
     if not text.endswith("\n"):
         raise ValueError(f"the end of {path.name} is lost")
-    for number, row in enumerate(csv.DictReader(io.StringIO(text, newline="")), start=2):
-        if None in row or None in row.values():
+    for number, cells in enumerate(csv.DictReader(io.StringIO(text, newline="")), start=2):
+        if None in cells or None in cells.values():
             raise ValueError(f"{path.name}, row {number} has not the columns of the first")
-        yield {n: _value(n, cell) for n, cell in row.items() if cell != "" or n == "variant"}
+        row = {n: _value(n, cell) for n, cell in cells.items() if cell != "" or n == "variant"}
+        columns = [name for name in row if name.startswith(PARAMETER)]
+        if named := {name.removeprefix(PARAMETER): row.pop(name) for name in columns}:
+            row["parameters"] = named
+        yield tuple(row[name] for name in KEY), row
 
 
 def _value(name: str, cell: str) -> Any:

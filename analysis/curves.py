@@ -11,7 +11,6 @@ import argparse
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,10 +31,6 @@ from zoac.analysis.figures.labels import (
 from zoac.analysis.statistics.intervals import Scores, interquartile_mean, mean, summarise
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.seeding import stream
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 AXES = ("env_steps", "wall_seconds", "compute_seconds")
 STATISTICS = {"mean": mean, "iqm": interquartile_mean}
@@ -78,20 +73,16 @@ class Panel:
     episodes: int = 1
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Draw learning curves; return the exit code."""
-    parser = cli.parser("curves", "Learning curves (Fig. 3).", "figures", "--variant", "--format")
-    parser.add_argument("--task", help="default: all tasks")
-    parser.add_argument(
-        "--tuners", metavar="NAME,...", help="show only these, such as zoac,zoac_reg,bo"
-    )
-    parser.add_argument("--metric", help="any logged number; default: cost and prediction error")
-    parser.add_argument("--against", choices=AXES, default=AXES[0])
-    parser.add_argument("--statistic", choices=tuple(STATISTICS), default="mean")
-    return cli.guarded(_command, parser, argv)
-
-
-def _command(options: argparse.Namespace) -> None:
+@cli.command(
+    "curves", "Learning curves (Fig. 3).", "figures", "variant", "format",
+    task={"help": "default: all tasks"},
+    tuners={"metavar": "NAME,...", "help": "show only these, such as zoac,zoac_reg,bo"},
+    metric={"help": "any logged number; default: cost and prediction error"},
+    against={"choices": AXES, "default": AXES[0]},
+    statistic={"choices": tuple(STATISTICS), "default": "mean"},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Draw learning curves."""
     collection = cli.load_runs(options).of_variant(options.variant)
     if options.tuners is not None:
         collection = collection.of_rows(options.tuners.split(","))
@@ -114,8 +105,8 @@ def all_panels(
         collection: The runs; unfinished ones are left out.
         task: Keep to this task and its regularised twin.
         metric: Show this instead.
-        against: "env_steps", "wall_seconds" or "compute_seconds".
-        statistic: "mean" or "iqm".
+        against: One of `AXES`.
+        statistic: One of `STATISTICS`.
 
     Raises:
         ConfigError: If no method logged that in all of its seeds.
@@ -144,17 +135,11 @@ def all_panels(
                         if curve is None:
                             print(f"left out {_lacking(group, name, against)}", file=sys.stderr)
     if not panels:
-        raise _without_curves(runs, metric or "cost_mean", against)
+        if metric and metric not in (logged := _logged(runs)):
+            raise ConfigError(f"no run logged {metric!r}; {suggest(metric, logged)}")
+        lacking = _lacking(runs, metric or "cost_mean", against)
+        raise ConfigError(f"no method has a curve in all of its seeds: {lacking}")
     return panels
-
-
-def _without_curves(runs: Sequence[Run], metric: str, against: str) -> ConfigError:
-    """Return the error that says why no method has a curve."""
-    if metric not in (known := _logged(runs)):
-        return ConfigError(f"no run logged {metric!r}; {suggest(metric, known)}")
-    return ConfigError(
-        f"no method has a curve in all of its seeds: {_lacking(runs, metric, against)}"
-    )
 
 
 def _lacking(runs: Sequence[Run], metric: str, against: str) -> str:
@@ -163,7 +148,7 @@ def _lacking(runs: Sequence[Run], metric: str, against: str) -> str:
     return f"{run.method}: seed {run.seed} logged no {metric!r} against {against}"
 
 
-def draw(panels: Sequence[Panel], against: str) -> Figure:
+def draw(panels: Sequence[Panel], against: str) -> style.Figure:
     """Return a figure with the panels side by side and one legend above them."""
     figure, grid = style.panels(len(panels), min(3, len(panels)), 2.3, 0.1)
     methods = sorted({c.method for p in panels for c in p.curves}, key=lambda m: m.rank)
@@ -178,7 +163,7 @@ def draw(panels: Sequence[Panel], against: str) -> Figure:
 
 
 def draw_panel(
-    axes: Axes,
+    axes: style.Axes,
     panel: Panel,
     looks: Mapping[Method, style.Look],
     labels: Mapping[Method, str],

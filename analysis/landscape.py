@@ -12,7 +12,6 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,10 +23,6 @@ from zoac.analysis.figures.labels import big_axis, needs_log, unit_label
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.parameters import Parameter, ParameterSpace
 from zoac.rollout.task import Task
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MIN_SPAN = 0.1
 """Smallest range of a cost axis, as a fraction of the cost."""
@@ -42,20 +37,15 @@ class Slice:
     costs: np.ndarray
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Draw parameters and landscape of one method; return the exit code."""
-    parser = cli.parser(
-        "landscape", "Parameters and cost landscape (Fig. 4).", "figures", *cli.OPTIONS
-    )
-    parser.add_argument("--tuner", default="zoac", help="default: zoac")
-    parser.add_argument("--parameters", help="names, with commas between; default: all")
-    along = "along each parameter; default: 25"
-    parser.add_argument("--points", type=cli.count, default=25, help=along)
-    parser.add_argument("--episodes", type=cli.count, default=8, help="per point; default: 8")
-    return cli.guarded(_command, parser, argv)
-
-
-def _command(options: argparse.Namespace) -> None:
+@cli.command(
+    "landscape", "Parameters and cost landscape (Fig. 4).", "figures", *cli.OPTIONS,
+    tuner={"default": "zoac", "help": "default: zoac"},
+    parameters={"help": "names, with commas between; default: all"},
+    points={"type": cli.count, "default": 25, "help": "along each parameter; default: 25"},
+    episodes={"type": cli.count, "default": 8, "help": "per point; default: 8"},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Draw parameters and landscape of one method."""
     collection = cli.load_one_task(options)
     method = chosen(collection, options.tuner)[0].method
     runs = by_method(collection.finished)[method]
@@ -98,7 +88,7 @@ def _numbers(space: ParameterSpace) -> list[str]:
     return [p.name for p in space.parameters if p.kind != "choice"]
 
 
-def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> Figure:
+def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> style.Figure:
     """Return a figure with two panels per parameter on one axis: evolution and cost."""
     pairs = min(2 if len(slices) <= 4 else 3, len(slices))
     ratios = [1.6, 1.0] * pairs
@@ -119,7 +109,7 @@ def draw(runs: Sequence[Run], slices: Sequence[Slice]) -> Figure:
     return figure
 
 
-def _draw_evolution(axes: Axes, runs: Sequence[Run], parameter: Parameter) -> None:
+def _draw_evolution(axes: style.Axes, runs: Sequence[Run], parameter: Parameter) -> None:
     """Draw a parameter of each seed, the median one on top."""
     look, median = style.looks([runs[0].method])[runs[0].method], median_run(runs)
     for run in sorted(runs, key=lambda run: run is median):
@@ -142,7 +132,7 @@ def _draw_evolution(axes: Axes, runs: Sequence[Run], parameter: Parameter) -> No
     axes.set_ylabel(unit_label(parameter.name, parameter.unit))
 
 
-def _draw_cost(axes: Axes, part: Slice) -> None:
+def _draw_cost(axes: style.Axes, part: Slice) -> None:
     """Draw the cost along a parameter, its band and its least value."""
     costs = np.where(np.isfinite(part.costs), part.costs, np.nan)
     mean = costs.mean(axis=1)

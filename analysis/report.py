@@ -16,34 +16,25 @@ from zoac.analysis.data.selection import chosen
 from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import TASKS, family, method_labels, tuner_names
 from zoac.analysis.pages import html, run_page
-from zoac.analysis.pages.robust import robust
 from zoac.analysis.pages.sweep import sweep
 from zoac.core.errors import ConfigError
 
 ROBUSTNESS = "robustness"
 """Where `zoac.analysis.robustness` writes unless told otherwise."""
+_WRITTEN = (
+    "what zoac.analysis.robustness wrote about a run that is shown; default: "
+    f"{ROBUSTNESS}, if it is there"
+)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write the report; return the exit code."""
-    parser = cli.parser(
-        "report", "One HTML page about a run or a sweep.", "reports", "--variant", "--trust-code"
-    )
-    parser.add_argument("--task", help="default: all tasks")
-    parser.add_argument(
-        "--no-replay", action="store_true", help="do not drive controllers for closed-loop plots"
-    )
-    parser.add_argument(
-        "--robustness",
-        type=cli.folder,
-        metavar="FOLDER",
-        help="what zoac.analysis.robustness wrote about a run that is shown; default: "
-        f"{ROBUSTNESS}, if it is there",
-    )
-    return cli.guarded(_command, parser, argv)
-
-
-def _command(options: argparse.Namespace) -> None:
+@cli.command(
+    "report", "One HTML page about a run or a sweep.", "reports", "variant", "trust_code",
+    task={"help": "default: all tasks"},
+    no_replay={"action": "store_true", "help": "do not drive controllers for closed-loop plots"},
+    robustness={"type": cli.folder, "metavar": "FOLDER", "help": _WRITTEN},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Write the report."""
     collection = cli.load_runs(options).of_variant(options.variant)
     if options.task is not None:
         collection = collection.of_task(*family(options.task))
@@ -67,21 +58,18 @@ def report(
 ) -> str:
     """Return the page: for each task a comparison, if there are several runs, and runs in detail.
 
-    Args:
-        collection: The runs.
-        tasks: Names of the tasks to show, without their regularised twins.
-        replay: Whether to drive controllers once more, for closed-loop plots.
-        robustness_folder: Where `zoac.analysis.robustness` may have written.
+    The tasks are those to show, without their regularised twins. With `replay`, controllers are
+    driven once more, for closed-loop plots.
 
     Raises:
-        RunFolderError: If what it wrote is damaged.
+        RunFolderError: If what `zoac.analysis.robustness` wrote into its folder is damaged.
     """
     with style.drawing(style.SCREEN):
         bodies = [_of_task(collection, task, replay, robustness_folder) for task in tasks]
     names = [TASKS.get(task, task) for task in tasks]
     if len(names) > 1:
         bodies = [html.section(name, body) for name, body in zip(names, bodies, strict=True)]
-    left_out = html.bullets([escape(str(item)) for item in collection.left_out])
+    left_out = html.bullets([escape(item) for item in collection.left_out])
     return html.page(", ".join(names), [*bodies, html.section("Left out", left_out)])
 
 
@@ -102,7 +90,7 @@ def _of_task(collection: Collection, task: str, replay: bool, robustness_folder:
         siblings = sum(other.method == run.method for other in runs)
         median = f", the median of {siblings} by cost" if siblings > 1 else ""
         title = escape(f"{labels[run.method]}, seed {run.seed}{median}")
-        text = run_page.details(run, reference, replay, robust(run, robustness_folder))
+        text = run_page.details(run, reference, replay, robustness.part(run, robustness_folder))
         if len(runs) == 1:
             return html.paragraph(title, "muted") + text
         body.append(html.folded(title, text, k == 0))

@@ -1,4 +1,4 @@
-"""Tuned parameters on other plants, and the cost of being a little off: table and figure.
+"""Tuned parameters on other plants, and the cost of being a little off: table, figure, page.
 
     python -m zoac.analysis.robustness runs --task pid_acc --vary preceding_std=0.02,0.2
 
@@ -12,32 +12,21 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from html import escape
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from zoac.analysis.data import cli
-from zoac.analysis.data.plants import (
-    BASELINE,
-    STEP,
-    TUNED,
-    Sensitivity,
-    Variation,
-    as_json,
-    sensitivity,
-    vary,
-)
+from zoac.analysis.data import cli, plants
+from zoac.analysis.data.plants import STEP, Sensitivity, Variation
 from zoac.analysis.data.runs import Run
 from zoac.analysis.data.selection import chosen
 from zoac.analysis.figures import style
+from zoac.analysis.pages import html
 from zoac.analysis.pages.formatting import pipes, signed, significant
 from zoac.core.errors import ConfigError
 from zoac.core.types import bad_is_infinite
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 TAIL = 0.1
 """Fraction of the costliest episodes whose mean is the tail risk (CVaR)."""
@@ -45,34 +34,28 @@ TAIL = 0.1
 FILE = "robustness.json"
 """From which `report` makes its part on robustness."""
 
-LOOKS = {TUNED: style.AFTER, BASELINE: style.BEFORE}
-MARKERS = {TUNED: "o", BASELINE: "^"}
+LOOKS = {plants.TUNED: style.AFTER, plants.BASELINE: style.BEFORE}
+MARKERS = {plants.TUNED: "o", plants.BASELINE: "^"}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write table and figure of one run; return the exit code."""
-    parser = cli.parser(
-        "robustness", "Tuned parameters on varied plants.", "robustness", *cli.OPTIONS
-    )
-    parser.add_argument("--tuner", help="default: zoac's median run, or whatever was tuned")
-    parser.add_argument("--seed", type=int, help="default: the median run")
-    parser.add_argument(
-        "--vary", action="append", default=[], metavar="NAME=LOW,HIGH", help="may be repeated"
-    )
-    parser.add_argument("--plants", type=cli.count, default=20, help="plants drawn; default: 20")
-    parser.add_argument("--episodes", type=cli.count, default=8, help="per plant; default: 8")
-    return cli.guarded(_command, parser, argv)
-
-
-def _command(options: argparse.Namespace) -> None:
-    ranges = dict(_parsed(text) for text in options.vary)
+@cli.command(
+    "robustness", "Tuned parameters on varied plants.", "robustness", *cli.OPTIONS,
+    tuner={"help": "default: zoac's median run, or whatever was tuned"},
+    seed={"type": int, "help": "default: the median run"},
+    vary={"action": "append", "metavar": "NAME=LOW,HIGH", "help": "may be repeated"},
+    plants={"type": cli.count, "default": 20, "help": "plants drawn; default: 20"},
+    episodes={"type": cli.count, "default": 8, "help": "per plant; default: 8"},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Write table and figure of one run."""
+    ranges = dict(_parsed(text) for text in options.vary or ())
     run = chosen(cli.load_one_task(options), options.tuner, options.seed)[0]
     print(f"{run.folder}: {run.method}, seed {run.seed}", file=sys.stderr)
-    varied = vary(run, ranges, options.plants, options.episodes) if ranges else None
-    around = sensitivity(run, options.episodes)
+    varied = plants.vary(run, ranges, options.plants, options.episodes)
+    around = plants.sensitivity(run, options.episodes)
     cli.write_markdown(options.out / "robustness.md", markdown(run, varied, around))
     cli.write(options.out / "robustness.csv", table(varied, around))
-    cli.write(options.out / FILE, as_json(run, varied, around))
+    cli.write(options.out / FILE, plants.as_json(run, varied, around))
     style.save(lambda: draw(varied, around), options, "robustness")
 
 
@@ -118,29 +101,28 @@ def changes(around: Sequence[Sensitivity]) -> list[list[str]]:
     return lines
 
 
-def markdown(run: Run, varied: Variation | None, around: Sequence[Sensitivity]) -> str:
+def markdown(run: Run, varied: Variation, around: Sequence[Sensitivity]) -> str:
     """Return both tables as Markdown."""
     parts = [f"# Robustness of {run.method}, seed {run.seed}"]
-    if varied is not None:
-        plants, episodes = varied.size
+    if varied.plants:
+        count, episodes = varied.size
         parts += [
-            f"Cost over {plants} plants of {episodes} episodes each: {varied}.",
+            f"Cost over {count} plants of {episodes} episodes each: {varied}.",
             pipes(summary(varied)),
         ]
     parts += [f"Change of the mean cost with one parameter moved by {STEP / 2:.0%} of its range:"]
     return "\n\n".join([*parts, pipes(changes(around))]) + "\n"
 
 
-def table(varied: Variation | None, around: Sequence[Sensitivity]) -> str:
+def table(varied: Variation, around: Sequence[Sensitivity]) -> str:
     """Return every number at full precision, one row per controller and plant or parameter."""
-    plants = {} if varied is None else varied.plants
     rows = [
         {
             "kind": "plant", "name": controller, "plant": k,
-            **{name: values[k] for name, values in plants.items()},
+            **{name: values[k] for name, values in varied.plants.items()},
             "cost_mean": costs.mean(), "cost_tail": tail_risk(costs), "cost_worst": costs.max(),
         }
-        for controller, table in (varied.costs.items() if varied is not None else ())
+        for controller, table in varied.costs.items()
         for k, costs in enumerate(table)
     ]  # fmt: skip
     rows += [
@@ -148,26 +130,24 @@ def table(varied: Variation | None, around: Sequence[Sensitivity]) -> str:
         for s in around
         for direction in ("below", "above")
     ]
-    columns = ["kind", "name", "plant", *plants, "cost_mean", "cost_tail", "cost_worst"]
+    columns = ["kind", "name", "plant", *varied.plants, "cost_mean", "cost_tail", "cost_worst"]
     frame = pd.DataFrame(rows, columns=columns).astype({"plant": "Int64"})
     return frame.to_csv(index=False, lineterminator="\n")
 
 
-def draw(varied: Variation | None, around: Sequence[Sensitivity]) -> Figure:
+def draw(varied: Variation, around: Sequence[Sensitivity]) -> style.Figure:
     """Return a figure: cost against each varied number, and the sensitivity."""
-    plants = {} if varied is None else varied.plants
     figure = style.blank(style.PAGE, max(2.2, 0.5 + 0.16 * len(around)))
-    panels = figure.subplots(1, len(plants) + 1, squeeze=False)[0]
-    if varied is not None:
-        for axes, name in zip(panels, plants, strict=False):
-            draw_costs(axes, varied, name)
+    panels = figure.subplots(1, len(varied.plants) + 1, squeeze=False)[0]
+    for axes, name in zip(panels, varied.plants, strict=False):
+        draw_costs(axes, varied, name)
     draw_sensitivity(panels[-1], around)
     for axes in panels:
         axes.legend()
     return figure
 
 
-def draw_costs(axes: Axes, varied: Variation, name: str) -> None:
+def draw_costs(axes: style.Axes, varied: Variation, name: str) -> None:
     """Draw the cost of each controller on each plant against one varied number."""
     x = varied.plants[name]
     for controller, costs in varied.costs.items():
@@ -179,7 +159,7 @@ def draw_costs(axes: Axes, varied: Variation, name: str) -> None:
     axes.set_ylabel("Cost")
 
 
-def draw_sensitivity(axes: Axes, around: Sequence[Sensitivity]) -> None:
+def draw_sensitivity(axes: style.Axes, around: Sequence[Sensitivity]) -> None:
     """Draw by how much the cost changes with each parameter moved a little down and up."""
     order = sorted(around, key=_size)
     rows = np.arange(len(order))
@@ -192,6 +172,55 @@ def draw_sensitivity(axes: Axes, around: Sequence[Sensitivity]) -> None:
     axes.axvline(0.0, color=style.INK, lw=0.6)
     axes.set_yticks(rows, [s.name for s in order])
     axes.set_xlabel("Change of the mean cost")
+
+
+def part(run: Run, folder: Path) -> str:
+    """Return a report's part on what was written into a folder, if it is of this run.
+
+    Raises:
+        RunFolderError: If its file is damaged.
+    """
+    found = plants.read(folder / FILE, run)
+    if found is None:
+        return ""
+    varied, around = found
+    drawn = _plants_part(run, varied) if varied.plants else ""
+    return drawn + _sensitivity_part(run, around)
+
+
+def _plants_part(run: Run, varied: Variation) -> str:
+    count, episodes = varied.size
+    pictures = []
+    for name in varied.plants:
+        figure, axes = html.figure()
+        draw_costs(axes, varied, name)
+        label = f"Cost over {name}"
+        pictures.append(html.picture(figure, f"{run.folder} plant {name}", label, columns=2))
+    lines = [[escape(cell) for cell in line] for line in summary(varied)]
+    return html.part(
+        "Robustness",
+        html.paragraph(
+            f"Cost on {count} other plants, {episodes} episodes each: {escape(str(varied))}."
+        ),
+        html.table(lines),
+        html.gallery(pictures),
+    )
+
+
+def _sensitivity_part(run: Run, around: Sequence[Sensitivity]) -> str:
+    figure, axes = html.figure(height=max(1.6, 0.9 + 0.2 * len(around)))
+    draw_sensitivity(axes, around)
+    label = "Change of the mean cost"
+    picture = html.picture(figure, f"{run.folder} sensitivity", label, columns=2)
+    lines = [[escape(cell) for cell in line] for line in changes(around)]
+    return html.part(
+        "Sensitivity",
+        html.paragraph(
+            f"Change of the mean cost with one parameter moved by {STEP / 2:.0%} of its range."
+        ),
+        html.gallery([picture]),
+        html.aside("As a table", html.table(lines)),
+    )
 
 
 if __name__ == "__main__":

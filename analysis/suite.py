@@ -11,9 +11,7 @@ what a score is.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -25,10 +23,8 @@ from zoac.analysis.figures.labels import TUNERS
 from zoac.analysis.pages.formatting import NOTHING, pipes
 from zoac.analysis.statistics import profiles
 from zoac.analysis.statistics.intervals import Interval
+from zoac.analysis.statistics.profiles import RANDOM
 from zoac.core.errors import ConfigError, RunFolderError, suggest
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 COLUMNS = ["problem", "parameters", "tuner", "experiments", "seed", "cost", "seconds"]
 KEY = ["problem", "tuner", "experiments", "seed"]
@@ -41,24 +37,24 @@ LIMITS = np.linspace(0.0, 1.5, 151)
 """Scores of the profiles' axis."""
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write tables and figure; return the exit code."""
-    parser = cli.parser("suite", "Tuners over many problems.", "tables", "--format")
-    parser.add_argument(
-        "--against", default=profiles.RANDOM, metavar="TUNER", help=f"default: {profiles.RANDOM}"
-    )
-    parser.add_argument("--problems", help="default: all; such as suite/hopper,suite/loop_43")
-    return cli.guarded(_command, parser, argv)
-
-
-def _command(options: argparse.Namespace) -> None:
+@cli.command(
+    "suite", "Tuners over many problems.", "tables", "format",
+    against={"default": RANDOM, "metavar": "TUNER", "help": f"default: {RANDOM}"},
+    problems={"help": "default: all; such as suite/hopper,suite/loop_43"},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Write tables and figure."""
     found = read(options.runs) if options.runs.suffix == ".csv" else frame_of(options)
     runs = profiles.failures_last(found)
     if (twice := runs.duplicated(KEY)).any():
         what = ", ".join(f"{name} {runs.loc[twice, name].iloc[0]}" for name in KEY)
         raise RunFolderError(f"{options.runs}: two runs of {what}; keep one variant a folder")
     if options.problems:
-        runs = _chosen(runs, options.problems.split(","))
+        names = options.problems.split(",")
+        for name in names:
+            if name not in (known := sorted(set(runs["problem"]))):
+                raise ConfigError(f"no run of problem {name!r}; {suggest(name, known)}")
+        runs = runs[runs["problem"].isin(names)]
     if options.against not in (known := sorted(set(runs["tuner"]))):
         raise ConfigError(f"no run of tuner {options.against!r}; {suggest(options.against, known)}")
     cli.write(options.out / "suite.csv", runs.to_csv(index=False, lineterminator="\n"))
@@ -67,11 +63,7 @@ def _command(options: argparse.Namespace) -> None:
 
 
 def frame_of(options: argparse.Namespace) -> pd.DataFrame:
-    """Return a row for each finished run whose budget was given in experiments.
-
-    Raises:
-        RunFolderError: If there is none.
-    """
+    """Return a row for each finished run whose budget was given in experiments; refuse none."""
     runs = [
         run
         for run in cli.load_runs(options, episodes=False).some_finished()
@@ -100,11 +92,7 @@ def _row(run: Run) -> list[object]:
 
 
 def read(path: Path) -> pd.DataFrame:
-    """Return the rows of a suite.csv.
-
-    Raises:
-        RunFolderError: If it is none.
-    """
+    """Return the rows of a suite.csv; refuse another file."""
     try:
         frame = pd.read_csv(path)
     except (OSError, ValueError) as error:
@@ -114,20 +102,10 @@ def read(path: Path) -> pd.DataFrame:
     return frame[COLUMNS]
 
 
-def _chosen(runs: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
-    known = sorted(set(runs["problem"]))
-    for name in names:
-        if name not in known:
-            raise ConfigError(f"no run of problem {name!r}; {suggest(name, known)}")
-    return runs[runs["problem"].isin(names)]
-
-
 def markdown(runs: pd.DataFrame, against: str) -> str:
-    """Return the tables: scores, who is better how often, experiments needed, costs.
+    """Return the tables: scores, who is better than `against` how often, experiments needed, costs.
 
-    Args:
-        runs: Rows as in suite.csv, as `failures_last` returns them.
-        against: The tuner that others are compared with.
+    The runs are rows as in suite.csv, as `failures_last` returns them.
     """
     scored = profiles.with_scores(runs)
     text = [
@@ -226,7 +204,7 @@ def _cell(value: Interval) -> str:
     return f"{value.estimate:.2f} [{value.low:.2f}, {value.high:.2f}]"
 
 
-def figure(scored: pd.DataFrame) -> Figure:
+def figure(scored: pd.DataFrame) -> style.Figure:
     """Return the performance profiles: the share of runs within each score, by experiments."""
     counts = sorted(set(scored["experiments"]))
     drawn = style.blank(style.PAGE, 2.4)

@@ -4,35 +4,32 @@ Writes table2.md, table2.tex and table2.csv; the same runs give the same bytes.
 """
 
 import argparse
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import pandas as pd
 
 from zoac.analysis.data import cli
-from zoac.analysis.data.runs import Collection
+from zoac.analysis.data.runs import Method
 from zoac.analysis.figures.labels import TASKS, family
 from zoac.analysis.pages.formatting import (
-    NOTHING,
     bounds,
     number,
     pipes,
     plus_minus,
     without_empty_columns,
 )
-from zoac.analysis.statistics.comparison import TABLE2, Comparison, Summary, compare
+from zoac.analysis.statistics.comparison import NOMINAL, Comparison, Summary, compare
 from zoac.analysis.statistics.intervals import MeanStd
 
 
 class PaperRow(NamedTuple):
     """One row of Table II as printed."""
 
-    cost: MeanStd | None = None
-    prediction_error: MeanStd | None = None
-    seconds: MeanStd | None = None
+    cost: MeanStd = MeanStd()
+    prediction_error: MeanStd = MeanStd()
+    seconds: MeanStd = MeanStd()
 
 
-NO_STD = float("nan")
 PAPER = {
     ("mpc_tracking", "zoac"): PaperRow(
         MeanStd(41.7, 3.8), MeanStd(2.9e-4, 1.4e-4), MeanStd(6.5e3, 0.2e3)
@@ -46,8 +43,9 @@ PAPER = {
     ("mpc_tracking", "cmaes"): PaperRow(
         MeanStd(185.0, 184.6), MeanStd(4.4e-4, 2.9e-4), MeanStd(2.6e4, 0.1e4)
     ),
-    ("mpc_tracking", "nominal"): PaperRow(MeanStd(37.16, NO_STD), MeanStd(0.0, NO_STD)),
+    ("mpc_tracking", NOMINAL): PaperRow(MeanStd(37.16), MeanStd(0.0)),
 }
+TABLE2 = [Method(task, tuner, None) for task, tuner in PAPER]
 
 COLUMNS = (
     "Method", "Seeds", "Cumulative cost", "Paper's", "Prediction error", "Paper's",
@@ -64,46 +62,35 @@ METHOD_NOTE = (
     "for few seeds and not given for fewer than five; each stands alone, without correction for "
     "how many there are."
 )
+_WITHIN = "use the last evaluation of each run within so many environment steps"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write the table of one task in three formats; return the exit code."""
-    parser = cli.parser("table2", "Table II beside the paper's.", "tables", "--variant")
-    parser.add_argument(
-        "--task", help=f"default: {TABLE2[0].task} where there is one, else the only one"
-    )
-    parser.add_argument(
-        "--budget",
-        type=cli.count,
-        metavar="STEPS",
-        help="use the last evaluation of each run within so many environment steps",
-    )
-    parser.add_argument(
-        "--seeds", type=cli.seeds, metavar="0-4", help="the seeds each method should have"
-    )
-    parser.add_argument("--bootstrap-seed", type=cli.seed, default=0, metavar="SEED")
-    return cli.guarded(_command, parser, argv)
-
-
-def _command(options: argparse.Namespace) -> None:
+@cli.command(
+    "table2", "Table II beside the paper's.", "tables", "variant",
+    task={"help": f"default: {TABLE2[0].task} where there is one, else the only one"},
+    budget={"type": cli.count, "metavar": "STEPS", "help": _WITHIN},
+    seeds={"type": cli.seeds, "metavar": "0-4", "help": "the seeds each method should have"},
+    bootstrap_seed={"type": cli.seed, "default": 0, "metavar": "SEED"},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Write the table of one task in three formats."""
     collection = cli.load_runs(options)
+    runs = collection.finished if options.task else collection.some_finished()
+    found = {family(run.method.task)[0] for run in runs}
+    default = TABLE2[0].task
+    task = options.task or (default if default in found else cli.only_task(found))
     comparison = compare(
         collection,
-        options.task or _default_task(collection),
+        task,
         variant=options.variant,
         budget=options.budget,
         seeds=options.seeds,
         random_seed=options.bootstrap_seed,
+        expected=TABLE2 if task == default else (),
     )
     cli.write_markdown(options.out / "table2.md", markdown(comparison))
     cli.write(options.out / "table2.tex", latex(comparison))
     cli.write(options.out / "table2.csv", csv(comparison))
-
-
-def _default_task(collection: Collection) -> str:
-    """Return the task of Table II, or the only one of the finished runs."""
-    found = {family(run.method.task)[0] for run in collection.some_finished()}
-    return TABLE2[0].task if TABLE2[0].task in found else cli.only_task(found)
 
 
 def markdown(comparison: Comparison) -> str:
@@ -176,8 +163,8 @@ def _cells(s: Summary) -> list[str]:
         plus_minus(means["prediction_error"]),
         plus_minus(paper.prediction_error),
         plus_minus(means["violations"]),
-        plus_minus(means["wall_seconds"] if s.tuned else None),
-        plus_minus(means["compute_seconds"] if s.tuned else None),
+        plus_minus(means["wall_seconds"] if s.tuned else MeanStd()),
+        plus_minus(means["compute_seconds"] if s.tuned else MeanStd()),
         plus_minus(paper.seconds),
     ]
 
@@ -185,7 +172,7 @@ def _cells(s: Summary) -> list[str]:
 def _statistics_cells(s: Summary) -> list[str]:
     cells = [s.label]
     for interval in s.intervals.values():
-        cells += [NOTHING if interval is None else number(interval.estimate), bounds(interval)]
+        cells += [number(interval.estimate), bounds(interval)]
     return cells
 
 
@@ -198,10 +185,10 @@ def _record(s: Summary) -> dict[str, Any]:
     }
     for name, interval in s.intervals.items():
         keys = name, f"{name}_low", f"{name}_high"
-        record |= zip(keys, interval or (None, None, None), strict=True)
+        record |= zip(keys, interval, strict=True)
     printed = {f"paper_{name}": value for name, value in _paper(s)._asdict().items()}
     for name, value in {**s.means, **printed}.items():
-        record |= zip((f"{name}_mean", f"{name}_std"), value or (None, None), strict=True)
+        record |= zip((f"{name}_mean", f"{name}_std"), value, strict=True)
     return record
 
 

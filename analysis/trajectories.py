@@ -66,21 +66,17 @@ class Loop:
         return limit_cycle(self.traces)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Draw closed loops, or film one before and after tuning; return the exit code."""
-    parser = cli.parser("trajectories", "Closed loops (Figs. 5 and 6).", "figures", *cli.OPTIONS)
-    parser.add_argument("--seed", type=int, help="default: the seed of median cost of each tuner")
-    parser.add_argument(
-        "--animate",
-        type=cli.folder,
-        metavar="FILE",
-        help="write a .gif or .mp4 of one run, before and after tuning, instead",
-    )
-    parser.add_argument("--tuner", help="use only this tuner; --animate: default zoac")
-    return cli.guarded(_command, parser, argv)
+_FILM = "write a .gif or .mp4 of one run, before and after tuning, instead"
 
 
-def _command(options: argparse.Namespace) -> None:
+@cli.command(
+    "trajectories", "Closed loops (Figs. 5 and 6).", "figures", *cli.OPTIONS,
+    seed={"type": int, "help": "default: the seed of median cost of each tuner"},
+    animate={"type": cli.folder, "metavar": "FILE", "help": _FILM},
+    tuner={"help": "use only this tuner; --animate: default zoac"},
+)  # fmt: skip
+def main(options: argparse.Namespace) -> None:
+    """Draw closed loops, or film one before and after tuning."""
     runs = chosen(cli.load_one_task(options), options.tuner, options.seed)
     if options.animate is not None:
         from zoac.analysis.figures import film
@@ -105,10 +101,7 @@ def loops_of(task: Task, runs: Sequence[Run]) -> list[Loop]:
 def before_and_after(task: Task, run: Run, compared: Before | None = None) -> list[Loop]:
     """Drive the controllers of a run before and after tuning through the demonstration.
 
-    Args:
-        task: The run's task.
-        run: The run.
-        compared: What was before; default: its baseline values, or else where it began.
+    Before are, unless told, its baseline values, or else where it began.
     """
     compared = compared or before(run)
     controllers: list[Controller] = [("After", style.AFTER, run.outcome["parameters"])]

@@ -24,11 +24,10 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.executors import steps_per_second
-from benchmarks.figures import FIGURES, pyplot, save
+from benchmarks.figures import FIGURES, cycle, pyplot, save
 from benchmarks.qp_solvers import LANES, closed_loop_problems
 from benchmarks.qp_ways import PEERS, RICCATI, Way, cpu_seconds, installed
 from tests.mpc.problems import dense_problems
-from zoac.analysis.figures import style
 from zoac.mpc.problem import PER_ENV, LinearisedProblem
 
 HORIZONS = (10, 25, 50, 100, 200)
@@ -124,7 +123,7 @@ def kept(path: Path = TABLE) -> list[Panel]:
 def draw(panels: Sequence[Panel], folder: Path = FIGURES) -> None:
     """Write the figure of `docs/solver.md`."""
     figure, axes = pyplot().subplots(2, 2, figsize=(6.6, 5.2), layout="constrained")
-    looks = dict(zip(SHOWN, style.cycle(), strict=False))
+    looks = dict(zip(SHOWN, cycle(), strict=False))
     for axis, (what, sizes, curves) in zip(axes.flat, panels, strict=True):
         for name, values in curves.items():
             axis.plot(sizes, values, label=name, **looks[name])

@@ -56,17 +56,17 @@ def formats(text: str) -> list[str]:
 
 
 OPTIONS: dict[str, dict[str, Any]] = {
-    "--task": {"help": "default: the only one there is"},
-    "--variant": {
+    "task": {"help": "default: the only one there is"},
+    "variant": {
         "metavar": "NAME",
         "help": f"use only runs of this variant; {WITHOUT_VARIANT}: only runs without a variant",
     },
-    "--trust-code": {
+    "trust_code": {
         "action": "store_true",
         "help": "load modules that run folders name, and pickles that they hold, to build their "
         "tasks; both can execute any code, so use it only for folders of people whom you trust",
     },
-    "--format": {
+    "format": {
         "type": formats,
         "default": list(FORMATS),
         "metavar": "svg,pdf,png",
@@ -76,39 +76,44 @@ OPTIONS: dict[str, dict[str, Any]] = {
 """Options that several commands have; those that drive controllers of one task have all."""
 
 
-def parser(module: str, summary: str, out: str, *options: str) -> argparse.ArgumentParser:
-    """Return a parser that knows RUNS, --out and some of `OPTIONS`.
+def command(
+    module: str, summary: str, out: str, /, *shared: str, **own: dict[str, Any]
+) -> Callable[[Callable[[argparse.Namespace], None]], Callable[..., int]]:
+    """Make a command of a function of its options, which knows RUNS and --out.
+
+    Called with a list of arguments, by default those of the command line, it returns the exit code.
+    A user's error is printed as one message.
 
     Args:
         module: The command's module.
         summary: One sentence for --help.
         out: Default output folder.
-        options: Names of further options, keys of `OPTIONS`.
+        shared: Further options, keys of `OPTIONS`.
+        own: Arguments of `ArgumentParser.add_argument`, by option.
     """
-    made = argparse.ArgumentParser(prog=f"python -m zoac.analysis.{module}", description=summary)
-    made.add_argument("runs", type=folder, help="a folder of runs, or one run folder")
-    made.add_argument(
-        "--out", type=folder, default=Path(out), metavar="FOLDER", help=f"default: {out}"
-    )
-    for option in options:
-        made.add_argument(option, **OPTIONS[option])
+
+    def made(body: Callable[[argparse.Namespace], None]) -> Callable[..., int]:
+        def main(argv: Sequence[str] | None = None) -> int:
+            prog = f"python -m zoac.analysis.{module}"
+            parser = argparse.ArgumentParser(prog=prog, description=summary)
+            parser.add_argument("runs", type=folder, help="a folder of runs, or one run folder")
+            where = {"type": folder, "default": Path(out), "metavar": "FOLDER"}
+            named: dict[str, dict[str, Any]] = {"out": {**where, "help": f"default: {out}"}}
+            named |= {name: OPTIONS[name] for name in shared} | own
+            for name, arguments in named.items():
+                parser.add_argument(f"--{name.replace('_', '-')}", **arguments)
+            options = parser.parse_args(argv)
+            try:
+                with reader_may_leave(), needs_matplotlib():
+                    body(options)
+            except ZoacError as error:
+                print(f"error: {error}", file=sys.stderr)
+                return 1
+            return 0
+
+        return main
+
     return made
-
-
-def guarded(
-    body: Callable[[argparse.Namespace], None],
-    arguments: argparse.ArgumentParser,
-    argv: Sequence[str] | None,
-) -> int:
-    """Parse `argv` and call `body`; print a user's error as one message and return 1."""
-    options = arguments.parse_args(argv)
-    try:
-        with reader_may_leave(), needs_matplotlib():
-            body(options)
-    except ZoacError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    return 0
 
 
 def load_runs(options: argparse.Namespace, *, episodes: bool = True) -> Collection:
@@ -130,44 +135,27 @@ def load_runs(options: argparse.Namespace, *, episodes: bool = True) -> Collecti
 
 
 def load_one_task(options: argparse.Namespace) -> Collection:
-    """Load the runs of `options.task`, by default the only task, and of `options.variant`.
-
-    Raises:
-        ConfigError: If there are several tasks and none is named.
-        RunFolderError: If no run is finished.
-    """
+    """Load the runs of `options.task`, by default the only task, and of `options.variant`."""
     collection = load_runs(options)
     found = {run.method.task for run in collection.some_finished()}
     return collection.of_task(options.task or only_task(found)).of_variant(options.variant)
 
 
 def only_task(found: set[str]) -> str:
-    """Return the only one of some tasks.
-
-    Raises:
-        ConfigError: If there are several.
-    """
+    """Return the only one of some tasks; refuse several."""
     if len(found) > 1:
         raise ConfigError(f"runs of several tasks; choose with --task: {', '.join(sorted(found))}")
     return next(iter(found))
 
 
 def write(path: Path, content: str | bytes) -> None:
-    """Write one output file and print its name.
-
-    Raises:
-        ConfigError: If it cannot be written.
-    """
+    """Write one output file and print its name."""
     with writing(path):
         path.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def write_markdown(path: Path, text: str) -> None:
-    """Print and write Markdown; prose and bullets are wrapped, rows of tables are not.
-
-    Raises:
-        ConfigError: If it cannot be written.
-    """
+    """Print and write Markdown; prose and bullets are wrapped, rows of tables are not."""
     text = "\n".join(map(_wrapped, text.split("\n")))
     print(text)
     write(path, text)

@@ -3,25 +3,14 @@
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from zoac.analysis import compact
-from zoac.analysis.data.runs import Collection, Method, Run, Skipped, order
+from zoac.analysis.data.runs import Collection, Method, Run, order
 from zoac.core.errors import RunFolderError
 from zoac.core.types import is_number
-from zoac.runs.schema import (
-    METRICS,
-    RESULT,
-    RUN,
-    differing_keys,
-    is_done,
-    plain,
-    read_metrics,
-    read_result,
-    read_run,
-)
+from zoac.runs import schema
+from zoac.runs.schema import METRICS, RESULT, RUN
 
 OF_EVERY_ROW = ("env_steps", "wall_seconds")
 """Numbers that every row of `metrics.jsonl` has."""
@@ -42,12 +31,14 @@ def load(root: str | Path, *, trust_code: bool = False) -> Collection:
     Raises:
         RunFolderError: If `root` is no folder, holds no run, or two folders hold the same run.
     """
+    from zoac.analysis import compact  # whose command loads runs
+
     root = Path(root)
     if not root.is_dir():
         what = f"{str(root)!r} is a file" if root.is_file() else f"no folder {str(root)!r}"
         raise RunFolderError(f"{what}; expected a run folder, or a folder of run folders")
     runs: list[Run] = []
-    skipped: list[Skipped] = []
+    skipped: list[str] = []
     if (root / compact.RUNS).is_file():
         runs += compact.read(root)
     for folder in _candidates(root):
@@ -55,7 +46,7 @@ def load(root: str | Path, *, trust_code: bool = False) -> Collection:
             runs.append(read(folder))
         except RunFolderError as error:
             reason = str(error).removeprefix(f"{folder}: ").removeprefix(f"{folder}/")
-            skipped.append(Skipped(folder, reason))
+            skipped.append(f"{folder}: {reason}")
     if not runs:
         found = "".join(f"\n  {item}" for item in skipped)
         raise RunFolderError(f"no readable run below {str(root)!r}{':' if found else ''}{found}")
@@ -70,21 +61,20 @@ def read(folder: Path) -> Run:
     Raises:
         RunFolderError: If it is damaged, or its files do not belong together.
     """
-    identity = read_run(folder)
-    done = is_done(folder)
-    lines = read_metrics(folder) if done or (folder / METRICS).exists() else []
-    metrics = [_complete(folder, line) for line in lines]
-    _of_one_run(folder, metrics)
+    identity = schema.read_run(folder)
+    done = schema.is_done(folder)
+    metrics = schema.read_metrics(folder) if done or (folder / METRICS).exists() else []
+    _refuse_rows(folder, metrics)
     if not done:
         return Run(folder, identity, metrics, None)
-    result = read_result(folder)
+    result = schema.read_result(folder)
     if not (metrics and metrics[-1].get("final")):
         raise RunFolderError(
             f"{folder}: the run is finished, but {METRICS} does not end with its final "
             "evaluation; the end of the file is lost"
         )
     for key in AGREED:
-        end, told = plain(metrics[-1].get(key)), plain(result[key])
+        end, told = schema.plain(metrics[-1].get(key)), schema.plain(result[key])
         if end != told:
             raise RunFolderError(
                 f"{folder}: the final evaluation in {METRICS} and {RESULT} disagree on {key}: "
@@ -93,22 +83,19 @@ def read(folder: Path) -> Run:
     return Run(folder, identity, metrics, result)
 
 
-def _complete(folder: Path, row: dict[str, Any]) -> dict[str, Any]:
-    missing = [key for key in OF_EVERY_ROW if not is_number(row.get(key))]
-    if missing:
-        raise RunFolderError(f"{folder}: {METRICS} has a record without {', '.join(missing)}")
-    return row
-
-
-def _of_one_run(folder: Path, metrics: Sequence[dict[str, Any]]) -> None:
+def _refuse_rows(folder: Path, metrics: Sequence[dict[str, Any]]) -> None:
     """Refuse rows that no single run writes."""
-    for number, (row, following) in enumerate(pairwise(metrics), start=2):
-        if row.get("final") or following["env_steps"] < row["env_steps"]:
-            after = "the final evaluation" if row.get("final") else f"step {row['env_steps']:,}"
+    last: dict[str, Any] = {"env_steps": 0}
+    for number, row in enumerate(metrics, start=1):
+        if missing := [key for key in OF_EVERY_ROW if not is_number(row.get(key))]:
+            raise RunFolderError(f"{folder}: {METRICS} has a record without {', '.join(missing)}")
+        if last.get("final") or row["env_steps"] < last["env_steps"]:
+            after = "the final evaluation" if last.get("final") else f"step {last['env_steps']:,}"
             raise RunFolderError(
                 f"{folder}: {METRICS} holds rows of several runs: line {number} is of step "
-                f"{following['env_steps']:,} and follows {after}"
+                f"{row['env_steps']:,} and follows {after}"
             )
+        last = row
 
 
 def _candidates(root: Path) -> Iterator[Path]:
@@ -127,7 +114,7 @@ def _refuse_copies(runs: Sequence[Run]) -> None:
         if other is run:
             continue
         folders = f"{run.method}, seed {run.seed}: {other.folder} and {run.folder}"
-        differences = differing_keys(other.config, run.config)
+        differences = schema.differing_keys(other.config, run.config)
         if not differences:
             raise RunFolderError(f"two folders hold the same run, {folders}; move one away")
         told = "".join(f"\n  {key}: {a!r} and {b!r}" for key, (a, b) in differences.items())

@@ -26,7 +26,7 @@ TUNED, BASELINE = "tuned", "baseline"
 
 @dataclass(frozen=True, eq=False)
 class Variation:
-    """Costs of controllers on varied plants.
+    """Costs of controllers on varied plants; all are empty where nothing was varied.
 
     Args:
         plants: Value of each varied number on each plant, (P,) by name; the task's own plant first.
@@ -74,12 +74,14 @@ def vary(
         run: A finished run.
         ranges: Range of each varied number, by name; plants are drawn uniformly.
         plants: Number of plants.
-        episodes: Number of episodes on each plant, the same for all plants and controllers.
+        episodes: Number of episodes, the same on all plants and for all controllers.
 
     Raises:
         ConfigError: If a name is not a number of the plant, or one of its bounds is not whole where
             the number is.
     """
+    if not ranges:
+        return Variation({}, {}, {})
     task = replay.rebuild(run)
     rng = stream(0, "robustness")
     drawn = {name: _drawn(run, task, name, bounds, plants, rng) for name, bounds in ranges.items()}
@@ -121,12 +123,7 @@ def _drawn(
 
 
 def on_plant(run: Run, task: Task, values: Mapping[str, float]) -> Task:
-    """Return a run's task on a plant with other numbers.
-
-    Args:
-        run: The run, for its configuration.
-        task: The task of the run.
-        values: Numbers by dotted name among the task's options, or `plant.NAME`.
+    """Return a run's task on a plant with other numbers, by dotted option or `plant.NAME`.
 
     Raises:
         ConfigError: If a name is not a number among them.
@@ -165,12 +162,7 @@ def _numbers(node: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
 
 
 def sensitivity(run: Run, episodes: int) -> list[Sensitivity]:
-    """Return how the mean cost changes along each coordinate around a run's parameters.
-
-    Args:
-        run: A finished run.
-        episodes: The same for every point.
-    """
+    """Return how the mean cost changes along each coordinate around a run's parameters."""
     task = replay.rebuild(run)
     centre = task.space.normalise(run.outcome["parameters"])
     steps = np.diag(np.full(task.space.dimension, STEP))
@@ -187,17 +179,17 @@ def sensitivity(run: Run, episodes: int) -> list[Sensitivity]:
     ]
 
 
-def as_json(run: Run, varied: Variation | None, around: Sequence[Sensitivity]) -> str:
+def as_json(run: Run, varied: Variation, around: Sequence[Sensitivity]) -> str:
     """Return everything at full precision, which `read` reads."""
     record = {
         "run": {key: run.identity[key] for key in schema.IDENTITY},
-        "plants": None if varied is None else asdict(varied),
+        "plants": asdict(varied) if varied.plants else None,
         "sensitivity": [asdict(s) for s in around],
     }
     return schema.json_line(record)
 
 
-def read(path: Path, run: Run) -> tuple[Variation | None, list[Sensitivity]] | None:
+def read(path: Path, run: Run) -> tuple[Variation, list[Sensitivity]] | None:
     """Return what `as_json` wrote; None if there is no such file, or it is of another run.
 
     Raises:
@@ -209,12 +201,9 @@ def read(path: Path, run: Run) -> tuple[Variation | None, list[Sensitivity]] | N
         record = json.loads(path.read_text(encoding="utf-8"))
         if record["run"] != {key: run.identity[key] for key in schema.IDENTITY}:
             return None
-        found = record["plants"]
-        varied = found and Variation(
-            _arrays(found["plants"]),
-            _arrays(found["costs"]),
-            {name: (low, high) for name, (low, high) in found["ranges"].items()},
-        )
+        found = record["plants"] or {"plants": {}, "costs": {}, "ranges": {}}
+        ranges = {name: (low, high) for name, (low, high) in found["ranges"].items()}
+        varied = Variation(_arrays(found["plants"]), _arrays(found["costs"]), ranges)
         return varied, [Sensitivity(**s) for s in record["sensitivity"]]
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise RunFolderError(

@@ -96,7 +96,7 @@ class Run:
             RunFolderError: If the run is not finished.
         """
         if self.result is None:
-            raise RunFolderError(f"{self.folder}: {unfinished(self)}")
+            raise RunFolderError(f"{self.folder}: {_unfinished(self)}")
         return self.result
 
     @property
@@ -124,27 +124,17 @@ class Run:
         return self.outcome["env_steps"] > 0
 
 
-class Skipped(NamedTuple):
-    """A folder that was left out, and why."""
-
-    folder: Path
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.folder}: {self.reason}"
-
-
 @dataclass(frozen=True, eq=False)
 class Collection:
     """All runs below one folder.
 
     Args:
         runs: Every run that could be read, finished or not, in order of identity.
-        skipped: Folders that are empty or damaged.
+        skipped: Folders that are empty or damaged, and why.
     """
 
     runs: tuple[Run, ...]
-    skipped: tuple[Skipped, ...]
+    skipped: tuple[str, ...]
 
     @property
     def finished(self) -> tuple[Run, ...]:
@@ -152,9 +142,9 @@ class Collection:
         return tuple(run for run in self.runs if run.result is not None)
 
     @property
-    def left_out(self) -> tuple[Skipped, ...]:
-        """Skipped folders and unfinished runs."""
-        waiting = (Skipped(r.folder, unfinished(r)) for r in self.runs if r.result is None)
+    def left_out(self) -> tuple[str, ...]:
+        """Skipped folders and unfinished runs, and why."""
+        waiting = (f"{r.folder}: {_unfinished(r)}" for r in self.runs if r.result is None)
         return (*self.skipped, *waiting)
 
     def some_finished(self) -> tuple[Run, ...]:
@@ -196,8 +186,7 @@ class Collection:
     def of_variant(self, variant: str | None) -> Self:
         """Return the runs of the named variant, and untuned ones, with every skipped folder.
 
-        Args:
-            variant: Its name; `WITHOUT_VARIANT`: runs that have none; None: all runs.
+        `WITHOUT_VARIANT` names runs that have none; None is all runs.
 
         Raises:
             RunFolderError: If there is none.
@@ -224,7 +213,7 @@ def _variant(run: Run) -> str:
     return run.method.variant or WITHOUT_VARIANT
 
 
-def unfinished(run: Run) -> str:
+def _unfinished(run: Run) -> str:
     """Say how far an unfinished run or study got."""
     if "study" in run.identity:
         try:

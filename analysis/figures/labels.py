@@ -61,9 +61,7 @@ def method_labels(
 ) -> dict[Method, str]:
     """Return a short label for each of the methods of one family, told apart by what differs.
 
-    Args:
-        methods: The methods.
-        names: What tuners call themselves, see `tuner_names`; others have the names known here.
+    Tuners have the names that they call themselves, see `tuner_names`, or those known here.
     """
     methods, names = list(methods), TUNERS | dict(names or {})
     labels = {}

@@ -15,7 +15,6 @@ from zoac.analysis.figures.labels import stands_apart
 from zoac.runs import responses
 
 if TYPE_CHECKING:
-    from cycler import Cycler
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -153,14 +152,6 @@ def drawing(settings: Any) -> AbstractContextManager[None]:
     return mpl.rc_context({**mpl.rcParamsDefault, "backend": "agg", **settings})
 
 
-def cycle() -> Cycler:
-    """Return colours, dashes and markers for the lines of figures that compare no tuners."""
-    from cycler import cycler
-
-    lines = [look.line for look in LOOKS.values() if look is not NOMINAL]
-    return cycler(**{key: [line[key] for line in lines] for key in lines[0]})
-
-
 def looks(methods: Iterable[Method]) -> dict[Method, Look]:
     """Return a look for each method, all different; a tuner has the same one in every figure.
 
@@ -211,14 +202,9 @@ def blank(width: float, height: float) -> Figure:
 def panels(
     count: int, columns: int, height: float, more: float, **options: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with so many panels in rows, one or two columns of text wide.
+    """Return a figure with `count` panels, `columns` in a row, one or two columns of text wide.
 
-    Args:
-        count: Number of panels.
-        columns: Panels in a row.
-        height: Of a row [in].
-        more: What the figure has beside its rows [in].
-        options: Of `Figure.subplots`.
+    Its height is that of the rows, `height` each, and `more` [in].
     """
     rows = -(-count // columns)
     figure = blank(PAGE if columns > 1 else COLUMN, height * rows + more)
@@ -238,10 +224,7 @@ def band(axes: Axes, x: Any, low: Any, high: Any, look: Look) -> None:
 def image(figure: Figure, kind: str, salt: str = "zoac") -> bytes:
     """Return `figure` as the bytes of a file of `kind` ("svg", "pdf" or "png").
 
-    Args:
-        figure: The figure.
-        kind: File format.
-        salt: Part of the ids in an SVG; must differ between the pictures of one page.
+    The salt is part of the ids in an SVG; it must differ between the pictures of one page.
     """
     import matplotlib as mpl
 

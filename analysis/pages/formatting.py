@@ -38,9 +38,9 @@ def signed(value: float) -> str:
     return f"{'+' if value > 0 else ''}{significant(value)}"
 
 
-def bounds(interval: Interval | None, sign: bool = False) -> str:
+def bounds(interval: Interval, sign: bool = False) -> str:
     """Return "[low, high]", with digits enough to tell the two apart, or "[3.0e-8, 3.1e-8]"."""
-    if interval is None or not interval.exists:
+    if not interval.exists:
         return NOTHING
     low, _, high = _alike(interval, sign)
     return f"[{low}, {high}]"
@@ -54,9 +54,9 @@ def estimate(interval: Interval, sign: bool = False) -> str:
     return f"{middle} {bounds(interval, sign)}"
 
 
-def plus_minus(value: MeanStd | None) -> str:
+def plus_minus(value: MeanStd) -> str:
     """Return "41.7 ± 3.8" or "(2.9 ± 1.4)e-4", as the paper prints; no ± for one seed."""
-    if value is None:
+    if math.isnan(value.mean):
         return NOTHING
     if value.mean == 0 or 1e-2 <= abs(value.mean) < 1e4:
         if not math.isfinite(value.std):

@@ -6,14 +6,9 @@ import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
-from typing import TYPE_CHECKING
 
 from zoac.analysis.figures import style
 from zoac.analysis.pages.formatting import NOTHING
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 def page(title: str, sections: Sequence[str]) -> str:
@@ -30,9 +25,9 @@ def page(title: str, sections: Sequence[str]) -> str:
     )
 
 
-def section(title: str, *body: str) -> str:
+def section(title: str, body: str) -> str:
     """Return a section with a heading, or nothing if there is nothing in it."""
-    return f"<section>\n<h2>{escape(title)}</h2>\n{''.join(body)}</section>\n" if any(body) else ""
+    return f"<section>\n<h2>{escape(title)}</h2>\n{body}</section>\n" if body else ""
 
 
 def part(title: str, *body: str) -> str:
@@ -153,13 +148,13 @@ def code(text: str) -> str:
     return f"<pre>{escape(text)}</pre>\n"
 
 
-def figure(height: float = 2.7) -> tuple[Figure, Axes]:
+def figure(height: float = 2.7) -> tuple[style.Figure, style.Axes]:
     """Return a figure for `gallery`, and its axes."""
     made = style.blank(4.2, height)
     return made, made.subplots()
 
 
-def picture(made: Figure, name: str, label: str, caption: str = "", columns: int = 0) -> str:
+def picture(made: style.Figure, name: str, label: str, caption: str = "", columns: int = 0) -> str:
     """Return a figure as inline SVG.
 
     Args:

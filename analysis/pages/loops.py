@@ -76,12 +76,24 @@ def _steps(
     for name, reference in references.items():
         windows = [r["window"] for r in specs if r["signals"] == [name, reference] and r["window"]]
         steps = {
-            str(which): _step(part, name, reference, windows[0] if windows else None)
+            str(which): step
             for which, part in table.groupby("parameters", sort=False)
+            if (step := _step(part, name, reference, windows[0] if windows else None)) is not None
         }
-        shown = {which: step for which, step in steps.items() if step is not None}
-        if "tuned" in shown:
-            tables.append(_step_table(name, reference, units.get(name, ""), shown))
+        if "tuned" not in steps:
+            continue
+        unit = f" [{units[name]}]" if units.get(name) else ""
+        lines = [[f"Step of {escape(reference)}, seen in {escape(name)}", "Before", "After"]]
+        for label, figure, factor in (
+            ("Rise time, 10% to 90% [s]", figures.rise_time, 1.0),
+            ("Overshoot [%]", figures.overshoot, 100.0),
+            ("Settling time, 2% [s]", figures.settling_time, 1.0),
+            (f"Error at the end{escape(unit)}", figures.steady_state_error, 1.0),
+        ):
+            values = {which: factor * figure(*step) for which, step in steps.items()}
+            cells = {w: significant(v) if np.isfinite(v) else "never" for w, v in values.items()}
+            lines.append([label, *(cells.get(which, NOTHING) for which in ("baseline", "tuned"))])
+        tables.append(html.table(lines))
     note = html.paragraph("In the final evaluation episode that is shown above.", "muted")
     return "".join([*tables, note]) if tables else ""
 
@@ -100,25 +112,6 @@ def _step(
     start = int(changes[0]) if len(changes) else 0
     t, y = t[start:], y[start:]
     return (t, y, float(r[-1])) if np.isfinite(y).all() and y[0] != r[-1] else None
-
-
-def _step_table(
-    name: str, reference: str, unit: str, steps: Mapping[str, tuple[np.ndarray, np.ndarray, float]]
-) -> str:
-    rows = [
-        ("Rise time, 10% to 90% [s]", figures.rise_time, 1.0),
-        ("Overshoot [%]", figures.overshoot, 100.0),
-        ("Settling time, 2% [s]", figures.settling_time, 1.0),
-        (f"Error at the end [{unit}]" if unit else "Error at the end", figures.steady_state_error,
-         1.0),
-    ]  # fmt: skip
-    lines = [[f"Step of {escape(reference)}, seen in {escape(name)}", "Before", "After"]]
-    for label, figure, factor in rows:
-        values = {which: factor * figure(*step) for which, step in steps.items()}
-        shown = {w: significant(v) if np.isfinite(v) else "never" for w, v in values.items()}
-        cells = [shown.get(which, NOTHING) for which in ("baseline", "tuned")]
-        lines.append([escape(label), *cells])
-    return html.table(lines)
 
 
 def closed_loop(run: Run, compared: Before | None) -> str:

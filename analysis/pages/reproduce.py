@@ -2,7 +2,7 @@
 
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -81,14 +81,16 @@ def _overrides(run: Run) -> list[str]:
     """Return the overrides of `zoac.run` that give a run's configuration.
 
     Raises:
-        ConfigError: If its task or its tuner has no file here.
+        ConfigError: If its task, its tuner or its solver has no file here.
     """
-    config, task, tuner = run.config, run.method.task, run.method.tuner
+    config = run.config
+    names = reversed(choices("mpc_solver"))
+    solvers = {choice("mpc_solver", name).get(TARGET): name for name in names}
     chosen = {
-        "task": task,
-        "tuner": tuner,
+        "task": run.method.task,
+        "tuner": run.method.tuner,
         "fidelity": config.get("fidelity", {}).get("source", "paper"),
-        "mpc_solver": _choice_of("mpc_solver", config.get("mpc_solver", {})),
+        "mpc_solver": solvers.get(config.get("mpc_solver", {}).get(TARGET), ""),
     }
     defaults = configuration()
     plain = configuration(**chosen)
@@ -104,15 +106,6 @@ def _overrides(run: Run) -> list[str]:
             mark = "+" if here == "(absent)" else ""
             words.append(f"~{key}" if there == "(absent)" else f"{mark}{key}={_override(there)}")
     return words
-
-
-def _choice_of(group: str, node: Mapping[str, Any]) -> str:
-    """Return the name of the file of a group whose class is that of `node`."""
-    files = {name: choice(group, name) for name in choices(group)}
-    found = [name for name, file in files.items() if file.get(TARGET) == node.get(TARGET)]
-    if not found:
-        raise ConfigError(f"no {group} of class {node.get(TARGET)!r}")
-    return found[0]
 
 
 def _override(value: Any) -> str:

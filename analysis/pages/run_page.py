@@ -17,13 +17,12 @@ from zoac.runs.loggers.summary import ROUNDING
 
 
 def details(run: Run, reference: Run | None, replays: bool, more: str = "") -> str:
-    """Return what there is to say about one run.
+    """Return what there is to say about one run, and `more` before the last parts.
 
     Args:
         run: The run.
         reference: A run that was not tuned, to compare with where the run has no baseline.
         replays: Whether to drive controllers once more where no signals were recorded.
-        more: Further parts, before the last ones.
     """
     compared = before(run, reference)
     response, steps = loops.recorded(run)

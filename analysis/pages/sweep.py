@@ -21,14 +21,13 @@ from zoac.analysis.pages.formatting import (
     significant,
     without_empty_columns,
 )
-from zoac.analysis.statistics.claims import Claim
-from zoac.analysis.statistics.comparison import NOMINAL, Comparison, compare
-from zoac.analysis.statistics.intervals import MIN_SEEDS, Interval
+from zoac.analysis.statistics.comparison import NOMINAL, Claim, Comparison, compare
+from zoac.analysis.statistics.intervals import MIN_SEEDS, Interval, MeanStd
 
 
 def sweep(collection: Collection, task: str) -> str:
     """Return the comparison of all methods of a task: table, curves, differences, notes."""
-    comparison = compare(collection, task, whole_table=False)
+    comparison = compare(collection, task)
     known = {run: baseline_values(run) for run in collection.finished if run.tuned}
     baselines = {run: baseline for run, baseline in known.items() if baseline is not None}
     return "".join(
@@ -56,8 +55,7 @@ def _setting(comparison: Comparison, baselines: Mapping[Run, Before]) -> str:
             f" The baseline values cost {significant(cost)} in the same episodes. "
             f"{better} of {len(baselines)} runs ended with a lower cost."
         )
-    costs = [s.intervals["cost"] for s in comparison.summaries]
-    if any(cost is not None and cost.exists for cost in costs):
+    if any(s.intervals["cost"].exists for s in comparison.summaries):
         text += " Intervals are 95%, over seeds and episodes."
     return text
 
@@ -80,18 +78,17 @@ def _table(comparison: Comparison, baselines: Mapping[Run, Before]) -> str:
     for s in comparison.summaries:
         better = [_better(run, baselines[run]) for run in groups.get(s.method, [])]
         iqm, minus_nominal = s.intervals["iqm"], s.intervals["minus_nominal"]
-        known = minus_nominal is not None and minus_nominal.exists
         lines.append(
             [
                 escape(s.label),
                 str(len(s.seeds)),
                 plus_minus(s.means["cost"]),
                 bounds(s.intervals["cost"]),
-                number(iqm.estimate) if iqm and s.tuned else NOTHING,
+                number(iqm.estimate) if s.tuned else NOTHING,
                 f"{sum(better)} of {len(better)}" if better else NOTHING,
-                estimate(minus_nominal, sign=True) if known and minus_nominal else NOTHING,
+                estimate(minus_nominal, sign=True) if minus_nominal.exists else NOTHING,
                 plus_minus(s.means["prediction_error"]),
-                plus_minus(s.means["wall_seconds"] if s.tuned else None),
+                plus_minus(s.means["wall_seconds"] if s.tuned else MeanStd()),
             ]
         )
     return html.table(without_empty_columns(lines))
@@ -139,9 +136,9 @@ def _differences(claims: tuple[Claim, ...]) -> str:
     lines = [["First - second", "Difference of mean cost, 95% interval", "First costs less in"]]
     for claim in judged:
         p = claim.improvement
-        share = "" if p is None else f"{p.estimate:.0%} [{p.low:.0%}, {p.high:.0%}] of pairs"
+        share = f"{p.estimate:.0%} [{p.low:.0%}, {p.high:.0%}] of pairs" if p.exists else NOTHING
         pair = escape(f"{claim.first} - {claim.second}")
-        lines.append([pair, estimate(claim.difference, sign=True), share or NOTHING])
+        lines.append([pair, estimate(claim.difference, sign=True), share])
     table = html.table(without_empty_columns(lines))
     return text + html.aside(f"All {len(judged)} differences", table)
 
@@ -153,7 +150,7 @@ def _said(claim: Claim) -> str:
     if side := d.side():
         by = Interval(abs(d.estimate), *sorted((abs(d.low), abs(d.high))))
         told[side] = [f"costs less on average, by {estimate(by)}"]
-    if p is not None and (side := -p.side(of=0.5)):
+    if side := -p.side(of=0.5):
         low, middle, high = sorted((p.low, p.estimate, p.high) if side < 0 else
                                    (1 - p.low, 1 - p.estimate, 1 - p.high))  # fmt: skip
         often = f"costs less in {middle:.0%} [{low:.0%}, {high:.0%}] of the pairs of seeds"

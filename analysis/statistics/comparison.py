@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,17 @@ import numpy as np
 from zoac.analysis.data.fairness import refuse_unequal, unmixed
 from zoac.analysis.data.runs import Collection, Method, Run
 from zoac.analysis.figures.labels import family, method_labels, tuner_names
-from zoac.analysis.statistics.claims import Claim, claims
+from zoac.analysis.pages.formatting import estimate
 from zoac.analysis.statistics.intervals import (
+    MIN_SEEDS,
+    UNKNOWN,
     Interval,
     MeanStd,
     Scores,
     interquartile_mean,
     mean_std,
+    paired_difference,
+    probability_of_improvement,
     summarise,
 )
 from zoac.core.errors import RunFolderError
@@ -23,19 +28,41 @@ from zoac.core.seeding import stream
 
 NOMINAL = "nominal"
 
-TABLE2 = (
-    Method("mpc_tracking", "zoac", None),
-    Method("mpc_tracking_reg", "zoac", None),
-    Method("mpc_tracking", "bo", None),
-    Method("mpc_tracking", "cmaes", None),
-    Method("mpc_tracking", NOMINAL, None),
-)
-"""The rows of the paper's Table II, in its order."""
+
+@dataclass(frozen=True)
+class Claim:
+    """The comparison of two methods.
+
+    Args:
+        first: Label of one method.
+        second: Label of the other.
+        difference: Mean cost of the first minus that of the second, paired.
+        improvement: Probability that a seed of the first costs less; unknown if one is not tuned.
+    """
+
+    first: str
+    second: str
+    difference: Interval
+    improvement: Interval
+
+    def __str__(self) -> str:
+        d, p = self.difference, self.improvement
+        pair = f"{self.first} - {self.second} = {estimate(d, sign=True)}"
+        if not d.exists:
+            return f"{pair}: no claim, fewer than {MIN_SEEDS} seeds"
+        means = f"{pair}: {self._said(d.side(), 'costs less on average')}"
+        if not p.exists:
+            return means
+        seeds = f"P({self.first} better) = {p.estimate:.2f} [{p.low:.3f}, {p.high:.3f}]"
+        return f"{means}; {seeds}: {self._said(-p.side(of=0.5), 'is the better more often')}"
+
+    def _said(self, side: int, what: str) -> str:
+        return "no claim" if side == 0 else f"{self.first if side < 0 else self.second} {what}"
 
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """One method over its seeds. Numbers that cannot be had are None.
+    """One method over its seeds. Numbers that cannot be had are NaN.
 
     Args:
         method: Task, tuner and variant.
@@ -58,8 +85,8 @@ class Summary:
     seeds: tuple[int, ...]
     missing: tuple[int, ...]
     not_finite: tuple[int, ...]
-    intervals: Mapping[str, Interval | None]
-    means: Mapping[str, MeanStd | None]
+    intervals: Mapping[str, Interval]
+    means: Mapping[str, MeanStd]
     choices: Mapping[str, Any]
 
 
@@ -92,7 +119,7 @@ def compare(
     budget: int | None = None,
     seeds: Sequence[int] | None = None,
     random_seed: int = 0,
-    whole_table: bool = True,
+    expected: Sequence[Method] = (),
 ) -> Comparison:
     """Summarise and compare all methods of `task` and of its regularised twin.
 
@@ -103,7 +130,7 @@ def compare(
         budget: Use the last evaluation of each run within so many environment steps.
         seeds: Seeds that every tuned method should have; default: all seeds of all methods.
         random_seed: Seed of the bootstrap.
-        whole_table: Whether to list rows of Table II of which there is no run.
+        expected: Methods of tuners that are listed even where there is no run.
 
     Raises:
         RunFolderError: If there is no such finished run, or runs must not be averaged or compared.
@@ -125,33 +152,28 @@ def compare(
     rows = {m: {run.seed: reached(run, budget) for run in group} for m, group in groups.items()}
     all_rows = [row for found in rows.values() for row in found.values()]
     episodes = min(len(row["cost_per_episode"]) for row in all_rows)
-    expected = TABLE2 if whole_table and task == TABLE2[0].task else ()
     known_tuners = {(m.task, m.tuner) for m in groups}
     missing = {m for m in expected if (m.task, m.tuner) not in known_tuners}
     methods = sorted({run.method for run in runs} | missing, key=lambda method: method.rank)
     labels = method_labels(methods, tuner_names(runs))
-    nominal = next((labels[m] for m in groups if m.tuner == "nominal"), None)
+    nominal = next((labels[m] for m in groups if m.tuner == NOMINAL), None)
     scores = {}
     for method, found in rows.items():
         costs = np.stack([_costs(row)[:episodes] for row in found.values()])
         if np.isfinite(costs).all():
             scores[method] = Scores(costs, groups[method][0].tuned)
     known = [(labels[method], scores[method]) for method in methods if method in scores]
-    judged = claims(known, random_seed)
+    judged = _claims(known, random_seed)
     minus_nominal = {c.first: c.difference for c in judged if c.second == nominal}
     summaries = [
         _summary(
             method, labels[method], groups.get(method, []), rows.get(method, {}), wanted,
-            scores.get(method), minus_nominal.get(labels[method]), random_seed,
+            scores.get(method), minus_nominal.get(labels[method], UNKNOWN), random_seed,
         )
         for method in methods
     ]  # fmt: skip
-    notes = [
-        *_missing_notes(summaries),
-        *_violation_notes(all_rows),
-        *_timing_notes([run for group in groups.values() for run in group]),
-        *(f"left out {item}" for item in collection.left_out),
-    ]
+    notes = _notes(summaries, all_rows, [run for group in groups.values() for run in group])
+    notes += [f"left out {item}" for item in collection.left_out]
     return Comparison(task, tuple(summaries), judged, tuple(notes), budget, episodes)
 
 
@@ -181,18 +203,18 @@ def _summary(
     rows: Mapping[int, Mapping[str, Any]],
     wanted: Sequence[int],
     scores: Scores | None,
-    minus_nominal: Interval | None,
+    minus_nominal: Interval,
     random_seed: int,
 ) -> Summary:
     """Return the summary of a method with its runs, and with what each seed reached."""
     tuned = scores.tuned if scores is not None else method.tuner != NOMINAL
-    cost = iqm = None
+    cost = iqm = UNKNOWN
     if scores is not None:
         name = f"analysis {label}"
         cost = summarise(scores, stream(random_seed, name))
         iqm = summarise(scores, stream(random_seed, name, 1), statistic=interquartile_mean)
 
-    def over_seeds(values: Sequence[float]) -> MeanStd | None:
+    def over_seeds(values: Sequence[float]) -> MeanStd:
         # The seeds of a controller that was not tuned are copies.
         return mean_std(values if tuned else values[:1])
 
@@ -209,7 +231,7 @@ def _summary(
         not_finite=tuple(s for s, r in rows.items() if not np.isfinite(_costs(r)).all()),
         intervals={"cost": cost, "iqm": iqm, "minus_nominal": minus_nominal},
         means={
-            "cost": None if scores is None else over_seeds(scores.per_seed.tolist()),
+            "cost": over_seeds([] if scores is None else scores.per_seed.tolist()),
             "prediction_error": over_seeds(errors),
             "violations": over_seeds(violated),
             "wall_seconds": mean_std([r["wall_seconds"] for r in found]),
@@ -219,11 +241,25 @@ def _summary(
     )
 
 
+def _claims(methods: Sequence[tuple[str, Scores]], random_seed: int) -> tuple[Claim, ...]:
+    """Return a claim for each pair of labelled methods, in order."""
+    made = []
+    for (first, a), (second, b) in combinations(methods, 2):
+        rng = stream(random_seed, f"analysis {first} - {second}")
+        both = a.tuned and b.tuned
+        improvement = probability_of_improvement(a.per_seed, b.per_seed) if both else UNKNOWN
+        made.append(Claim(first, second, paired_difference(a, b, rng), improvement))
+    return tuple(made)
+
+
 def _is_untuned(run: Run) -> bool:
     return run.result is not None and not run.tuned
 
 
-def _missing_notes(summaries: Sequence[Summary]) -> list[str]:
+def _notes(
+    summaries: Sequence[Summary], rows: Sequence[Mapping[str, Any]], runs: Sequence[Run]
+) -> list[str]:
+    """Return what is missing or not comparable in the summaries, their records and their runs."""
     notes = []
     for s in summaries:
         if s.missing:
@@ -235,22 +271,13 @@ def _missing_notes(summaries: Sequence[Summary]) -> list[str]:
         if s.not_finite:
             which = ", ".join(map(str, s.not_finite))
             notes.append(f"{s.label}: the cost of seed {which} is not finite; nothing is averaged")
-    return notes
-
-
-def _violation_notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     # The log has no violations per episode, so they cannot be counted over the common episodes.
-    numbers = sorted({len(_costs(r)) for r in rows if r.get("violations") is not None})
-    if len(numbers) < 2:
-        return []
-    return [
-        "shares of episodes in violation are over all episodes of each evaluation, "
-        f"{numbers[0]} to {numbers[-1]}, not only the shared ones"
-    ]
-
-
-def _timing_notes(runs: Sequence[Run]) -> list[str]:
-    notes = []
+    numbers = {len(_costs(r)) for r in rows if r.get("violations") is not None}
+    if len(numbers) > 1:
+        notes.append(
+            "shares of episodes in violation are over all episodes of each evaluation, "
+            f"{min(numbers)} to {max(numbers)}, not only the shared ones"
+        )
     tuned = [run for run in runs if run.tuned]
     for what, values in (
         ("executors", {str(run.config.get("executor")) for run in tuned}),

@@ -10,6 +10,7 @@ for n seeds. For five normal seeds, a plain 95% interval covers the true value i
 and this interval in 92%. For fewer than five seeds there is no interval.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -27,10 +28,10 @@ MIN_SEEDS = 5
 
 
 class MeanStd(NamedTuple):
-    """Mean and sample standard deviation; the latter is NaN for one value."""
+    """Mean and sample standard deviation; the latter is NaN for one value, both if unknown."""
 
-    mean: float
-    std: float
+    mean: float = math.nan
+    std: float = math.nan
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -71,14 +72,15 @@ class Interval(NamedTuple):
         return 1 if self.low > of else 0
 
 
-def mean_std(values: Sequence[float] | np.ndarray) -> MeanStd | None:
-    """Return mean and sample standard deviation; None if there is no value or one not finite."""
+UNKNOWN = Interval(math.nan, math.nan, math.nan)
+
+
+def mean_std(values: Sequence[float] | np.ndarray) -> MeanStd:
+    """Return mean and sample standard deviation; unknown if there is no value or one not finite."""
     array = np.asarray(values, dtype=np.float64)
     if not array.size or not np.isfinite(array).all():
-        return None
-    return MeanStd(
-        float(array.mean()), float(array.std(ddof=1)) if array.size > 1 else float("nan")
-    )
+        return MeanStd()
+    return MeanStd(float(array.mean()), float(array.std(ddof=1)) if array.size > 1 else math.nan)
 
 
 def mean(values: np.ndarray) -> np.ndarray:
@@ -121,14 +123,10 @@ def paired_difference(
 
 
 def probability_of_improvement(a: np.ndarray, b: np.ndarray) -> Interval:
-    """Return the probability that a seed of `a` costs less than one of `b`; ties count half.
+    """Return the probability that a seed of `a` (m,) costs less than one of `b` (n,).
 
-    The interval is a score interval, Newcombe, Statistics in Medicine 25 (2006) 559, method 5:
-    unlike a bootstrap it stays valid where the two samples do not overlap at all.
-
-    Args:
-        a: Costs per seed, (m,).
-        b: Costs per seed, (n,).
+    Ties count half. The interval is a score interval, Newcombe, Statistics in Medicine 25 (2006)
+    559, method 5: unlike a bootstrap it stays valid where the two samples do not overlap at all.
     """
     m, n = len(a), len(b)
     less = np.less.outer(a, b) + 0.5 * np.equal.outer(a, b)
@@ -161,7 +159,7 @@ def _interval(estimate: float, drawn: np.ndarray, groups: Sequence[Scores]) -> I
     tuned = [len(group.costs) for group in groups if group.tuned]
     n = min(tuned) if tuned else groups[0].costs.shape[1]
     if n < MIN_SEEDS:
-        return Interval(estimate, float("nan"), float("nan"))
+        return Interval(estimate, math.nan, math.nan)
     tail = ndtr(-stdtrit(n - 1, 0.5 + LEVEL / 2) * np.sqrt(n / (n - 1)))
     low, high = np.quantile(drawn, [tail, 1 - tail])
     return Interval(estimate, float(low), float(high))

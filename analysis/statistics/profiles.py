@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pandas as pd
 
-from zoac.analysis.statistics.intervals import Interval
+from zoac.analysis.statistics.intervals import UNKNOWN, Interval
 from zoac.core.errors import RunFolderError
 from zoac.core.seeding import stream
 from zoac.core.types import bad_is_infinite
@@ -60,8 +60,7 @@ def with_scores(runs: pd.DataFrame) -> pd.DataFrame:
 def reference_cost(runs: pd.DataFrame) -> float:
     """Return the median cost of random search with the fewest experiments; NaN if not run.
 
-    Args:
-        runs: Those on one problem, as `failures_last` returns them.
+    The runs are those on one problem, as `failures_last` returns them.
     """
     random = runs[runs["tuner"] == RANDOM]
     few = random[random["experiments"] == random["experiments"].min()]
@@ -74,11 +73,7 @@ def share_within(scores: np.ndarray, limits: Sequence[float]) -> np.ndarray:
 
 
 def mean_score(runs: pd.DataFrame) -> Interval:
-    """Return the mean score of one tuner with one number of experiments, each score at most 1.
-
-    Args:
-        runs: Its runs, with their `score`.
-    """
+    """Return the mean score of one tuner with one number of experiments, each score at most 1."""
     table = np.minimum(_by_seed(runs, "score"), 1.0)
     return _interval([table], lambda drawn: drawn[0].mean(axis=(-2, -1)))
 
@@ -86,15 +81,12 @@ def mean_score(runs: pd.DataFrame) -> Interval:
 def improvement(first: pd.DataFrame, second: pd.DataFrame) -> Interval:
     """Return the probability that a run of the first tuner costs less than one of the second.
 
-    It is the mean over the problems that both have; equal costs count half.
-
-    Args:
-        first: Runs of one tuner with one number of experiments.
-        second: Of another, with as many.
+    It is the mean over the problems that both have; equal costs count half. Both have runs of one
+    tuner with the same number of experiments.
     """
     common = sorted(set(first["problem"]) & set(second["problem"]))
     if not common:
-        return Interval(np.nan, np.nan, np.nan)
+        return UNKNOWN
     tables = [_by_seed(runs[runs["problem"].isin(common)], "cost") for runs in (first, second)]
 
     def probability(drawn: list[np.ndarray]) -> np.ndarray:
@@ -105,13 +97,10 @@ def improvement(first: pd.DataFrame, second: pd.DataFrame) -> Interval:
 
 
 def experiments_needed(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return how many experiments bring each tuner near the best, by problem.
+    """Return how many experiments bring each tuner near the best: rows problems, columns tuners.
 
     It is the smallest number with which more than half of its runs score at most `NEAR`; NaN
     where none of those tried does.
-
-    Returns:
-        A row for each problem, a column for each tuner.
     """
     near = runs.assign(near=runs["score"] <= NEAR)
     often = near.groupby(["problem", "tuner", "experiments"])["near"].mean().reset_index()

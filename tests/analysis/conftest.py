@@ -1,7 +1,3 @@
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,7 +11,7 @@ def a_folder_to_write_into(tmp_path_factory, monkeypatch):
 
 
 @pytest.fixture
-def sweep(tmp_path: Path) -> Path:
+def sweep(tmp_path):
     """Three tuners with five seeds each, and the nominal controller."""
     root = tmp_path / "runs"
     shape = np.array([0.0, 1.0, 2.0, 3.0])

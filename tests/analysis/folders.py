@@ -1,10 +1,6 @@
 """Run folders made to measure, in the schema of `zoac.runs.schema`."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,33 +19,23 @@ SPACE = [{"name": n, "low": 0.0, "high": 10.0, "scale": "linear", "unit": ""} fo
 
 
 def write_run(
-    root: Path,
-    tuner: str = "zoac",
-    seed: int = 0,
+    root,
+    tuner="zoac",
+    seed=0,
     *,
-    task: str = "pid_acc",
-    variant: str | None = None,
-    costs: Sequence[float] = (3.0, 4.0, 5.0, 6.0),
-    evaluations: Sequence[tuple[int, float]] = ((0, 50.0), (500, 10.0)),
-    finished: bool = True,
-    config: dict[str, Any] | None = None,
-    gains: dict[str, float] | None = None,
-    result: dict[str, Any] | None = None,
-) -> Path:
+    task="pid_acc",
+    variant=None,
+    costs=(3.0, 4.0, 5.0, 6.0),
+    evaluations=((0, 50.0), (500, 10.0)),
+    finished=True,
+    config=None,
+    gains=None,
+    result=None,
+):
     """Write a run folder and return it.
 
-    Args:
-        root: The folder that holds the runs.
-        tuner: Part of its identity.
-        seed: Likewise.
-        task: Likewise.
-        variant: Likewise.
-        costs: Final cost of each evaluation episode.
-        evaluations: Steps and mean cost of each evaluation while tuning, two episodes each.
-        finished: Whether it has a result.
-        config: Top-level configuration keys that differ from the default.
-        gains: The tuned parameters.
-        result: Keys of result.json that differ.
+    Its evaluations while tuning are pairs of steps and mean cost, of two episodes each; `costs` are
+    those of the final episodes. `config` and `result` hold keys that differ from the default.
     """
     folder = root / task / tuner / f"seed={seed}" / (f"variant={variant}" if variant else "")
     folder.mkdir(parents=True)
@@ -134,5 +120,5 @@ def write_run(
     return folder
 
 
-def _write(path: Path, content: dict[str, Any]) -> None:
+def _write(path, content):
     path.write_text(json.dumps(content))

@@ -124,27 +124,6 @@ def test_without_a_nominal_run_it_says_what_to_do(tmp_path, capsys):
     assert "tuner=nominal, or give --reference best, or another --task" in capsys.readouterr().err
 
 
-def test_other_evaluation_episodes_are_refused(runs, capsys):
-    write_run(runs, seed=7, costs=(1.0, 2.0, 3.0))
-    assert beyond.main([str(runs)]) == 1
-    told = "evaluation.final_episodes: 2 in seed 0, seed 1, seed 100; 3 in seed 7"
-    assert told in capsys.readouterr().err
-
-
-def test_evaluation_episodes_of_another_seed_are_refused(runs, capsys):
-    evaluation = {"episodes": 2, "final_episodes": 2, "seed": 5}
-    write_run(runs, seed=7, costs=(1.0, 2.0), config={"evaluation": evaluation})
-    assert beyond.main([str(runs)]) == 1
-    assert "evaluation.seed: 0 in seed 0, seed 1, seed 100; 5 in seed 7" in capsys.readouterr().err
-
-
-def test_seeds_of_one_row_that_differ_in_settings_are_refused(runs, capsys):
-    other = {"tuner": {"_target_": "somewhere.zoac", "exploration": {"sigma": 0.3}}}
-    write_run(runs, seed=7, costs=(1.0, 2.0), config=other)
-    assert beyond.main([str(runs)]) == 1
-    assert "tuner.exploration.sigma: (absent) in seed 0, " in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("changed", [{"task": {**PID, "preceding_std": 0.5}}, {"evaluation": {
     "episodes": 2, "final_episodes": 2, "seed": 5}}])  # fmt: skip
 def test_a_reference_on_another_problem_is_refused(tmp_path, capsys, changed):

@@ -75,7 +75,8 @@ def test_without_a_finished_run_there_is_one_message_and_no_file(tmp_path, capsy
     write_run(tmp_path / "runs", task="mpc_tracking", finished=False)
     assert command.main([str(tmp_path / "runs"), "--out", str(tmp_path / "out")]) == 1
     *_, told = capsys.readouterr().err.splitlines()
-    assert told.startswith("error: no finished run")
+    expected = "error: no finished run among 1; relaunching an unfinished one resumes it"
+    assert told == expected
     assert not (tmp_path / "out").exists()
 
 

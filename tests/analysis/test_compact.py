@@ -68,13 +68,6 @@ def test_what_needs_single_episodes_refuses_a_summary(runs, tmp_path, capsys, co
     assert "only means over the episodes were kept" in capsys.readouterr().err
 
 
-def test_a_summary_of_a_summary_is_the_same_bytes(runs, tmp_path):
-    for source, out in ((runs, "a"), (tmp_path / "a", "b")):
-        assert compact.main([str(source), "--out", str(tmp_path / out), "--summary"]) == 0
-    for path in (tmp_path / "a").iterdir():
-        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
-
-
 def test_evaluations_come_back_to_six_digits(runs, small):
     for run, twin in zip(load(runs).runs, load(small).runs, strict=True):
         assert len(twin.evaluations) == (len(run.evaluations) if run.tuned else 0)
@@ -96,12 +89,6 @@ def test_tables_of_both_are_the_same_bytes(runs, small, tmp_path):
         assert table2.main([str(source), "--task", "pid_acc", "--out", str(tmp_path / out)]) == 0
     for name in ("table2.md", "table2.tex", "table2.csv"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-
-
-def test_the_files_are_the_same_bytes_whenever_written(runs, small, tmp_path):
-    assert compact.main([str(small), "--out", str(tmp_path / "again")]) == 0
-    for name in ("runs.csv", "methods.json"):
-        assert (tmp_path / "again" / name).read_bytes() == (small / name).read_bytes()
 
 
 def test_a_folder_with_a_file_missing_is_refused_and_the_file_named(small, capsys):
@@ -163,8 +150,8 @@ def test_evaluations_can_be_thinned(runs, tmp_path, every, kept):
 
 
 def test_figures_do_without_what_was_not_kept(small, tmp_path):
-    arguments = [str(small), "--task", "pid_acc", "--points", "2", "--out", str(tmp_path / "out")]
-    assert landscape.main(arguments) == 0
+    few = ["--task", "pid_acc", "--points", "2", "--episodes", "1", "--format", "svg"]
+    assert landscape.main([str(small), *few, "--out", str(tmp_path / "out")]) == 0
     assert load(small).runs[0].start is None
 
 
@@ -185,20 +172,6 @@ def test_numbers_that_are_not_finite_come_back(tmp_path, bad):
     np.testing.assert_array_equal(run.costs, [1.0, bad])
     np.testing.assert_array_equal(run.evaluations[0]["cost_per_episode"], [bad, bad])
     np.testing.assert_array_equal(run.evaluations[0]["cost_mean"], bad)
-
-
-def test_seeds_of_other_settings_do_not_come_back_all_alike(runs, tmp_path, capsys):
-    write_run(
-        runs,
-        seed=2,
-        config={"tuner": {"_target_": "somewhere.zoac", "exploration": {"sigma": 0.2}}},
-    )
-    assert compact.main([str(runs), "--out", str(tmp_path / "small")]) == 1
-    assert (
-        "tuner.exploration.sigma: (absent) in seed 0, seed 1; 0.2 in seed 2"
-        in capsys.readouterr().err
-    )
-    assert not (tmp_path / "small").exists()
 
 
 @pytest.mark.parametrize(("name", "options"), [("", []), ("careful", ["--summary"])])

@@ -1,7 +1,4 @@
-from __future__ import annotations
-
 from importlib import import_module
-from pathlib import Path
 
 import pytest
 
@@ -11,7 +8,7 @@ from zoac.analysis.data.load import load
 from zoac.core.errors import RunFolderError
 
 
-def test_seeds_of_different_configurations_are_not_averaged(tmp_path: Path) -> None:
+def test_seeds_of_different_configurations_are_not_averaged(tmp_path):
     write_run(tmp_path, seed=0)
     write_run(tmp_path, seed=1)
     write_run(
@@ -35,17 +32,17 @@ READERS = [
 
 
 @pytest.mark.parametrize("command", READERS, ids=lambda command: command[0])
-def test_seeds_on_two_plants_of_one_name_never_count_as_one_method(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str]
-) -> None:
+def test_seeds_on_two_plants_of_one_name_never_count_as_one_method(tmp_path, capsys, command):
     write_run(tmp_path, seed=0, config={"code": {"env": "here.P@1"}})
     write_run(tmp_path, seed=1, config={"code": {"env": "here.P@2"}})
     module = import_module(f"zoac.analysis.{command[0]}")
-    assert module.main([str(tmp_path), *command[1:]]) == 1
+    out = tmp_path / "out"
+    assert module.main([str(tmp_path), *command[1:], "--out", str(out)]) == 1
+    assert not out.exists()
     assert "code.env: here.P@1 in seed 0; here.P@2 in seed 1" in capsys.readouterr().err
 
 
-def test_where_a_run_was_executed_does_not_set_it_apart(tmp_path: Path) -> None:
+def test_where_a_run_was_executed_does_not_set_it_apart(tmp_path):
     write_run(tmp_path, seed=0)
     write_run(
         tmp_path, seed=1, config={"executor": {"_target_": "zoac.rollout.executors.base.Process"}}
@@ -53,7 +50,7 @@ def test_where_a_run_was_executed_does_not_set_it_apart(tmp_path: Path) -> None:
     refuse_mixed(load(tmp_path).runs)
 
 
-def test_a_solver_that_the_task_does_not_use_sets_no_run_apart(tmp_path: Path) -> None:
+def test_a_solver_that_the_task_does_not_use_sets_no_run_apart(tmp_path):
     changes = {"mpc_solver": {"_target_": "somewhere.else"}}
     plain = {"task": {"_target_": "somewhere.pid_acc"}}
     write_run(tmp_path, "zoac", seed=0, config=plain)
@@ -62,7 +59,7 @@ def test_a_solver_that_the_task_does_not_use_sets_no_run_apart(tmp_path: Path) -
     refuse_unequal(load(tmp_path).runs)
 
 
-def test_tuners_with_different_budgets_are_not_compared(tmp_path: Path) -> None:
+def test_tuners_with_different_budgets_are_not_compared(tmp_path):
     write_run(tmp_path, "zoac")
     write_run(tmp_path, "bo", config={"budget": 500})
     with pytest.raises(
@@ -71,13 +68,13 @@ def test_tuners_with_different_budgets_are_not_compared(tmp_path: Path) -> None:
         refuse_unequal(load(tmp_path).runs)
 
 
-def test_an_untuned_controller_has_no_budget_to_compare(tmp_path: Path) -> None:
+def test_an_untuned_controller_has_no_budget_to_compare(tmp_path):
     write_run(tmp_path, "zoac")
     write_run(tmp_path, "nominal", config={"budget": 5})
     refuse_unequal(load(tmp_path).runs)
 
 
-def test_different_evaluation_episodes_are_not_compared(tmp_path: Path) -> None:
+def test_different_evaluation_episodes_are_not_compared(tmp_path):
     write_run(tmp_path, "zoac")
     other = {"episodes": 2, "final_episodes": 4, "seed": 1}
     write_run(tmp_path, "nominal", config={"evaluation": other})
@@ -85,15 +82,13 @@ def test_different_evaluation_episodes_are_not_compared(tmp_path: Path) -> None:
         refuse_unequal(load(tmp_path).runs)
 
 
-def test_budgets_may_differ_where_that_is_said(tmp_path: Path) -> None:
+def test_budgets_may_differ_where_that_is_said(tmp_path):
     write_run(tmp_path, "zoac")
     write_run(tmp_path, "bo", config={"budget": 500})
     refuse_unequal(load(tmp_path).runs, any_budget=True)
 
 
-def test_text_and_code_of_the_paper_are_compared_where_they_mean_the_same_cost(
-    tmp_path: Path,
-) -> None:
+def test_text_and_code_of_the_paper_are_compared_where_they_mean_the_same_cost(tmp_path):
     write_run(tmp_path, config={"fidelity": {"jerk": "rate", "anneal": True}})
     code = {"fidelity": {"jerk": "commanded_increment", "anneal": False}}
     write_run(tmp_path, variant="authors_code", config=code)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -16,38 +14,38 @@ from zoac.tasks.pid_acc.plant import demonstration_profile
 from zoac.tasks.rendering import OTHER, frame
 
 
-def middle_of(picture: np.ndarray, colour: str) -> np.ndarray:
+def middle_of(picture, colour):
     """Return the mean (row, column) of the pixels that have `colour`."""
     wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
     return np.argwhere((np.abs(picture.astype(int) - wanted) < 6).all(axis=2)).mean(axis=0)
 
 
-def following(clearance_error: float) -> np.ndarray:
+def following(clearance_error):
     observation = np.zeros(10)
     observation[:2] = clearance_error, 0.1
     return frame(lambda axes: following_figures.draw(axes, observation))
 
 
-def tracking(off: float, turned: float = 0.0) -> np.ndarray:
+def tracking(off, turned=0.0):
     x = 5.0
     y, phi = path.lateral(x) + off, path.heading(x) + turned
     states = np.array([[x, y, phi, 18.0, 0.0, 0.0]])
     return frame(lambda axes: tracking_figures.draw(axes, states, 0.0))
 
 
-def test_a_picture_is_rgb_and_depends_on_nothing_but_its_state() -> None:
+def test_a_picture_is_rgb_and_depends_on_nothing_but_its_state():
     picture = following(1.0)
     assert (picture.shape, picture.dtype) == ((240, 640, 3), np.uint8)
     np.testing.assert_array_equal(picture, following(1.0))
 
 
-def test_the_preceding_car_stands_where_the_clearance_error_says() -> None:
+def test_the_preceding_car_stands_where_the_clearance_error_says():
     near, far = (middle_of(following(dd), OTHER)[1] for dd in (-2.0, 3.0))
     dots_per_metre = 640 / 34  # 34 m across
     assert far - near == pytest.approx(5.0 * dots_per_metre, abs=1.5)
 
 
-def test_the_path_lies_to_the_left_of_a_car_right_of_it() -> None:
+def test_the_path_lies_to_the_left_of_a_car_right_of_it():
     rows = []
     for off in (-2.0, 2.0):
         picture = tracking(off).astype(int)
@@ -56,13 +54,13 @@ def test_the_path_lies_to_the_left_of_a_car_right_of_it() -> None:
     assert rows[0] < 120 < rows[1]
 
 
-def test_a_car_that_turns_left_points_up() -> None:
+def test_a_car_that_turns_left_points_up():
     car = np.argwhere(np.abs(tracking(0.0, 0.6).astype(int) - (0, 114, 178)).max(axis=2) < 6)
     rows, columns = car[car[:, 0] < 180].T
     assert np.polyfit(columns, rows, 1)[0] < -0.3
 
 
-def test_traces_of_car_following_show_the_profile_it_followed() -> None:
+def test_traces_of_car_following_show_the_profile_it_followed():
     task = PidAcc(max_episode_steps=100)
     (segment,) = replay.demonstrate(task, [GAINS])
     clearance, _, acceleration, command = task.traces(segment)
@@ -73,7 +71,7 @@ def test_traces_of_car_following_show_the_profile_it_followed() -> None:
     np.testing.assert_allclose(command.y, applied, atol=1e-12)  # no bound is reached
 
 
-def test_traces_of_tracking_begin_at_the_demonstration_start() -> None:
+def test_traces_of_tracking_begin_at_the_demonstration_start():
     task = zoac.make_task("mpc_tracking", max_episode_steps=2)
     assert task.baseline is not None
     (segment,) = replay.demonstrate(task, [task.baseline])

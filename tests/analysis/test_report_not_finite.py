@@ -1,13 +1,8 @@
 """Reports on runs with costs that are not finite."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
-from typing import Any
 
 import pytest
-from matplotlib.axes import Axes
 
 from tests.analysis.folders import write_run
 from zoac.analysis.curves import draw_panel
@@ -15,12 +10,12 @@ from zoac.analysis.pages import sweep
 from zoac.analysis.report import main
 
 
-def page(root: Path, out: Path) -> str:
+def page(root, out):
     assert main([str(root), "--out", str(out), "--no-replay"]) == 0
     return (out / "report.html").read_text()
 
 
-def without_costs(folder: Path) -> Path:
+def without_costs(folder):
     """Write that no evaluation while tuning had a finite cost, and return the folder."""
     rows = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
     lost = {"cost_mean": None, "cost_per_episode": [None, None]}
@@ -29,12 +24,10 @@ def without_costs(folder: Path) -> Path:
     return folder
 
 
-def test_a_method_without_finite_costs_leaves_the_other_curves_in_view(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_method_without_finite_costs_leaves_the_other_curves_in_view(tmp_path, monkeypatch):
     views = []
 
-    def drawn(axes: Axes, *rest: Any) -> None:
+    def drawn(axes, *rest):
         draw_panel(axes, *rest)
         views.append(axes.get_ylim())
 
@@ -50,11 +43,11 @@ def test_a_method_without_finite_costs_leaves_the_other_curves_in_view(
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
-def test_a_run_without_finite_costs_has_a_page_without_warnings(tmp_path: Path) -> None:
+def test_a_run_without_finite_costs_has_a_page_without_warnings(tmp_path):
     folder = without_costs(write_run(tmp_path, costs=(2.0, 2.0)))
     assert "Learning curve" in page(folder, tmp_path / "out")
 
 
-def test_a_baseline_without_a_finite_cost_is_not_compared_with(tmp_path: Path) -> None:
+def test_a_baseline_without_a_finite_cost_is_not_compared_with(tmp_path):
     folder = write_run(tmp_path, costs=(3.0,), result={"cost_std": 0, "baseline_cost_mean": None})
     assert "baseline values" not in page(folder, tmp_path / "out")

@@ -1,8 +1,5 @@
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
-from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -27,7 +24,7 @@ class Gain(gymnasium.Env):
     observation_space = Box(-1.0, 1.0, (1,), np.float64)
     action_space = Box(-10.0, 10.0, (1,), np.float64)
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.g = 1.0
 
     def reset(self, *, seed=None, options=None):
@@ -59,7 +56,7 @@ def run(tmp_path):
 
 
 def test_costs_on_varied_plants_are_those_of_the_plants(run):
-    varied = robustness.vary(run, {"plant.g": (0.5, 2.0)}, 4, 2)
+    varied = plants.vary(run, {"plant.g": (0.5, 2.0)}, 4, 2)
     g = varied.plants["plant.g"]
     own = varied.costs["tuned"][0]
     expected = own + 3 * (g[1:, None] - 1.0) ** 2  # three steps, the same noise
@@ -70,7 +67,7 @@ def test_costs_on_varied_plants_are_those_of_the_plants(run):
 
 
 def test_sensitivity_is_the_change_of_cost_in_the_same_episodes(run):
-    u, idle = robustness.sensitivity(run, 3)
+    u, idle = plants.sensitivity(run, 3)
     change = 3 * 0.2**2  # three steps, a tenth of the mapped box is 0.2
     assert (u.below, u.above) == (pytest.approx(change), pytest.approx(change))
     assert u.error == pytest.approx(0.0, abs=1e-12)
@@ -103,7 +100,7 @@ def test_a_plant_that_varies_while_tuning_is_fixed_when_it_is_set():
     assert np.ptp(replay.costs(fixed, np.array([[1.0]]), 20, 0)) < 2.0
 
 
-def test_the_options_of_a_built_in_task_can_vary(tmp_path: Path):
+def test_the_options_of_a_built_in_task_can_vary(tmp_path):
     run = read(write_run(tmp_path))
     other = plants.on_plant(run, replay.rebuild(run), {"preceding_std": 0.4})
     assert isinstance(other, PidAcc)
@@ -155,7 +152,7 @@ def test_a_range_that_is_none_is_refused(tmp_path, capsys, text):
 class Steps(Gain):
     """The input counts in a whole number of halves."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.halves = 2
 
@@ -170,7 +167,7 @@ def test_attributes_that_are_whole_numbers_are_drawn_whole(tmp_path):
         folder=tmp_path / "run",
     )  # fmt: skip
     run = replace(read(tmp_path / "run"), trusted=True)
-    varied = robustness.vary(run, {"halves": (1, 4), "g": (0.5, 2.0)}, 12, 2)
+    varied = plants.vary(run, {"halves": (1, 4), "g": (0.5, 2.0)}, 12, 2)
     halves, g = varied.plants["halves"][1:], varied.plants["g"][1:]
     assert set(halves) <= {1.0, 2.0, 3.0, 4.0}
     assert len(set(halves)) > 1
@@ -179,12 +176,12 @@ def test_attributes_that_are_whole_numbers_are_drawn_whole(tmp_path):
     noise = varied.costs["tuned"][1:] - expected
     np.testing.assert_allclose(noise, np.broadcast_to(noise[0], noise.shape), atol=1e-9)
     with pytest.raises(ConfigError, match="expected a whole number"):
-        robustness.vary(run, {"halves": (1.5, 4)}, 2, 1)
+        plants.vary(run, {"halves": (1.5, 4)}, 2, 1)
 
 
 def test_options_of_a_task_that_are_whole_numbers_are_drawn_whole(tmp_path):
     run = read(write_run(tmp_path))
-    varied = robustness.vary(run, {"max_episode_steps": (5, 9)}, 6, 1)
+    varied = plants.vary(run, {"max_episode_steps": (5, 9)}, 6, 1)
     drawn = varied.plants["max_episode_steps"]
     assert drawn[0] == PID["max_episode_steps"]
     assert set(drawn[1:]) <= {5.0, 6.0, 7.0, 8.0, 9.0}
@@ -193,14 +190,13 @@ def test_options_of_a_task_that_are_whole_numbers_are_drawn_whole(tmp_path):
 
 def test_a_record_is_read_back_for_its_own_run_alone(tmp_path):
     run, other = read(write_run(tmp_path)), read(write_run(tmp_path, seed=1))
-    varied = robustness.vary(run, {"preceding_std": (0.02, 0.2)}, 2, 2)
-    around = robustness.sensitivity(run, 2)
+    varied = plants.vary(run, {"preceding_std": (0.02, 0.2)}, 2, 2)
+    around = plants.sensitivity(run, 2)
     file = tmp_path / "robustness.json"
-    file.write_text(robustness.as_json(run, varied, around))
+    file.write_text(plants.as_json(run, varied, around))
     found = plants.read(file, run)
     assert found is not None
     again, sensitivities = found
-    assert again is not None
     assert sensitivities == around
     assert again.ranges == varied.ranges
     for name in ("tuned", "baseline"):

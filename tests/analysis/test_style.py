@@ -1,15 +1,11 @@
 """A tuner looks the same in every figure; every label that is drawn stands in a whole legend."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
 
 from tests.analysis.folders import NOMINAL, write_run
 from zoac.analysis import curves, landscape, robustness, trajectories
@@ -25,14 +21,14 @@ ROOT = Path(__file__).parents[2]
 TUNERS = sorted(path.stem for path in (ROOT / "conf" / "tuner").glob("*.yaml"))
 
 
-def test_every_tuner_has_a_look_and_no_two_share_colour_dashes_or_marker() -> None:
+def test_every_tuner_has_a_look_and_no_two_share_colour_dashes_or_marker():
     assert set(TUNERS) <= style.LOOKS.keys()
     for part in ("colour", "dashes", "marker"):
         values = [getattr(look, part) for look in style.LOOKS.values()]
         assert [pair for pair in combinations(values, 2) if pair[0] == pair[1]] == [], part
 
 
-def test_looks_of_the_shipped_results_are_all_different() -> None:
+def test_looks_of_the_shipped_results_are_all_different():
     methods = {run.method for run in load(ROOT / "results").runs}
     assert len(methods) > 10
     for family in ({m for m in methods if m.task.startswith(t)} for t in ("pid", "mpc")):
@@ -42,7 +38,7 @@ def test_looks_of_the_shipped_results_are_all_different() -> None:
         assert len(set(one_look.values())) == len(one_look)
 
 
-def test_a_tuner_looks_the_same_whatever_stands_beside_it() -> None:
+def test_a_tuner_looks_the_same_whatever_stands_beside_it():
     mine = [Method("t", name, None) for name in ("mine", "other", "third")]
     plus = Method("t", "zoac_plus", None)
     alone = style.looks([plus])[plus]
@@ -53,7 +49,7 @@ def test_a_tuner_looks_the_same_whatever_stands_beside_it() -> None:
     assert style.looks(mine[:1])[mine[0]] == together[mine[0]]
 
 
-def test_the_regularised_cost_and_each_variant_look_different() -> None:
+def test_the_regularised_cost_and_each_variant_look_different():
     methods = [
         Method(task, tuner, variant)
         for task in ("t", "t_reg")
@@ -67,16 +63,16 @@ def test_the_regularised_cost_and_each_variant_look_different() -> None:
         assert len({(look.colour, look.marker) for look in same}) == 1
 
 
-def test_forty_tuners_of_a_user_are_still_told_apart() -> None:
+def test_forty_tuners_of_a_user_are_still_told_apart():
     looks = style.looks([Method("t", f"mine{k}", None) for k in range(40)])
     assert len(set(looks.values())) == 40
 
 
-def test_before_and_after_are_told_apart_in_grey() -> None:
+def test_before_and_after_are_told_apart_in_grey():
     assert style.BEFORE.dashes != style.AFTER.dashes
 
 
-def test_runs_may_say_what_their_tuner_is_called(tmp_path: Path) -> None:
+def test_runs_may_say_what_their_tuner_is_called(tmp_path):
     folder = write_run(tmp_path, "mine")
     file = folder / "run.json"
     file.write_text(
@@ -88,7 +84,7 @@ def test_runs_may_say_what_their_tuner_is_called(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def many(tmp_path_factory):
     """Six tuners, one of them in two variants, and the nominal controller."""
     root = tmp_path_factory.mktemp("runs")
     for k, tuner in enumerate(("zoac", "zoac_plus", "bo", "cmaes", "cmaes_full", "mine")):
@@ -99,7 +95,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def figures(root: Path) -> Iterator[tuple[str, Callable[[], Figure]]]:
+def figures(root):
     collection = load(root)
     for metric in (None, "cost_mean"):
         panels = curves.all_panels(collection, metric=metric)
@@ -119,13 +115,13 @@ def figures(root: Path) -> Iterator[tuple[str, Callable[[], Figure]]]:
     yield "robustness", lambda: robustness.draw(varied, around)
 
 
-def labels_of(figure: Figure) -> set[str]:
+def labels_of(figure):
     """Return the labels of everything drawn in the axes of a figure."""
     found = {label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]}
     return {label for label in found if not label.startswith("_")}
 
 
-def test_legends_hold_every_label_and_lie_inside(many: Path) -> None:
+def test_legends_hold_every_label_and_lie_inside(many):
     made = list(figures(many))
     assert len(made) == 7
     for name, draw in made:
@@ -144,7 +140,7 @@ def test_legends_hold_every_label_and_lie_inside(many: Path) -> None:
                 assert all(inside), (name, box, whole)
 
 
-def test_lines_of_the_learning_curves_have_the_looks_of_their_legend(many: Path) -> None:
+def test_lines_of_the_learning_curves_have_the_looks_of_their_legend(many):
     (panel,) = curves.all_panels(load(many), metric="cost_mean")
     with style.drawing(style.PAPER):
         figure = curves.draw([panel], "env_steps")
@@ -156,7 +152,7 @@ def test_lines_of_the_learning_curves_have_the_looks_of_their_legend(many: Path)
     assert len(set(colours.values())) == len(colours) - 1  # the variant has its tuner's
 
 
-def test_many_curves_have_their_interval_at_the_end_instead_of_bands(many: Path) -> None:
+def test_many_curves_have_their_interval_at_the_end_instead_of_bands(many):
     (panel,) = curves.all_panels(load(many), metric="cost_mean")
     few = curves.Panel(panel.task, panel.metric, panel.curves[:2])
     with style.drawing(style.PAPER):
@@ -169,11 +165,11 @@ def test_many_curves_have_their_interval_at_the_end_instead_of_bands(many: Path)
     np.testing.assert_allclose(drawn, ends)
 
 
-def trace(y: np.ndarray, label: str = "Time [s]") -> Trace:
+def trace(y, label="Time [s]"):
     return Trace("y", 0.1 * np.arange(len(y)), y, label)
 
 
-def test_a_limit_cycle_is_found_with_its_period() -> None:
+def test_a_limit_cycle_is_found_with_its_period():
     time = 0.1 * np.arange(1000)
     cycle = trajectories.limit_cycle([trace(np.sin(2 * np.pi * time / 2.5))])
     assert cycle is not None
@@ -186,7 +182,7 @@ def test_a_limit_cycle_is_found_with_its_period() -> None:
     assert trajectories.limit_cycle([trace(np.sin(time), "Path x [m]")]) is None
 
 
-def test_a_limit_cycle_is_shaded_over_what_it_swings_between() -> None:
+def test_a_limit_cycle_is_shaded_over_what_it_swings_between():
     time = 0.1 * np.arange(1000)
     y = 3.0 + np.sin(2 * np.pi * time / 2.5)
     cycle = trajectories.limit_cycle([trace(y)])

@@ -151,8 +151,8 @@ def file(tmp_path):
 
 def test_the_command_reads_what_it_wrote(file, tmp_path, capsys):
     first, again = tmp_path / "first", tmp_path / "again"
-    assert suite.main([str(file), "--out", str(first)]) == 0
-    assert suite.main([str(first / "suite.csv"), "--out", str(again)]) == 0
+    assert suite.main([str(file), "--out", str(first), "--format", "svg"]) == 0
+    assert suite.main([str(first / "suite.csv"), "--out", str(again), "--format", "svg"]) == 0
     for name in ("suite.csv", "suite.md", "suite.svg"):
         assert (first / name).read_bytes() == (again / name).read_bytes()
     assert "| BO |" in (first / "suite.md").read_text()

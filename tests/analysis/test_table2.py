@@ -1,9 +1,5 @@
-from __future__ import annotations
-
 import io
 import json
-from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
@@ -12,20 +8,20 @@ from tests.analysis.folders import NOMINAL, write_run
 from zoac.analysis.data.load import load
 from zoac.analysis.pages.formatting import estimate, number, plus_minus
 from zoac.analysis.statistics.comparison import compare
-from zoac.analysis.statistics.intervals import Interval, MeanStd
-from zoac.analysis.table2 import csv, latex, main, main_cells, markdown
+from zoac.analysis.statistics.intervals import UNKNOWN, Interval, MeanStd
+from zoac.analysis.table2 import TABLE2, csv, latex, main, main_cells, markdown
 
 
-def table(root: Path, **options: Any) -> str:
+def table(root, **options):
     return markdown(compare(load(root), "pid_acc", **options))
 
 
-def row(text: str, method: str) -> list[str]:
+def row(text, method):
     (line, *_) = [line for line in text.split("\n") if line.startswith(f"| {method} |")]
     return [cell.strip() for cell in line.strip("|").split("|")]
 
 
-def mpc(root: Path) -> Path:
+def mpc(root):
     for seed in range(5):
         write_run(root, "zoac", seed, task="mpc_tracking", costs=(40.0 + seed, 42.0))
         write_run(root, "zoac", seed, task="mpc_tracking_reg", costs=(39.0, 41.0 + seed))
@@ -33,12 +29,12 @@ def mpc(root: Path) -> Path:
     return root
 
 
-def test_a_row_is_mean_and_sample_deviation_over_seeds(sweep: Path) -> None:
+def test_a_row_is_mean_and_sample_deviation_over_seeds(sweep):
     # Seeds at 7.5, 7.6, ..., 7.9: mean 7.7, variance 0.1 / 4.
     assert row(table(sweep), "BO")[:3] == ["BO", "5", "7.70 ± 0.16"]
 
 
-def test_what_a_tuner_chose_is_told_if_all_its_seeds_chose_it(tmp_path: Path) -> None:
+def test_what_a_tuner_chose_is_told_if_all_its_seeds_chose_it(tmp_path):
     for seed, mean_std in ((0, 0.1), (1, 0.2)):
         folder = write_run(tmp_path, "cmaes", seed)
         content = json.loads((folder / "run.json").read_text())
@@ -47,21 +43,21 @@ def test_what_a_tuner_chose_is_told_if_all_its_seeds_chose_it(tmp_path: Path) ->
     assert "- CMA-ES: population 11\n" in table(tmp_path)
 
 
-def test_ours_stands_beside_the_papers(tmp_path: Path) -> None:
-    text = markdown(compare(load(mpc(tmp_path)), "mpc_tracking"))
+def test_ours_stands_beside_the_papers(tmp_path):
+    text = markdown(compare(load(mpc(tmp_path)), "mpc_tracking", expected=TABLE2))
     assert row(text, "ZOAC")[3] == "41.7 ± 3.8"
     assert row(text, "ZOAC (w/ reg)")[5] == "(9.6 ± 4.5)e-5"
     assert row(text, "CMA-ES")[-1] == "(2.6 ± 0.1)e4"
     assert row(text, "Nominal")[3] == "37.16"
 
 
-def test_methods_of_table_2_without_a_run_are_named(tmp_path: Path) -> None:
-    notes = compare(load(mpc(tmp_path)), "mpc_tracking").notes
+def test_methods_of_table_2_without_a_run_are_named(tmp_path):
+    notes = compare(load(mpc(tmp_path)), "mpc_tracking", expected=TABLE2).notes
     assert "BO: 0 of 5 seeds; missing: 0, 1, 2, 3, 4" in notes
     assert "CMA-ES: 0 of 5 seeds; missing: 0, 1, 2, 3, 4" in notes
 
 
-def test_a_missing_seed_is_named_and_its_row_says_so(sweep: Path) -> None:
+def test_a_missing_seed_is_named_and_its_row_says_so(sweep):
     (sweep / "pid_acc" / "bo" / "seed=2" / "result.json").unlink()
     text = table(sweep)
     assert row(text, "BO")[1] == "4 of 5"
@@ -69,20 +65,18 @@ def test_a_missing_seed_is_named_and_its_row_says_so(sweep: Path) -> None:
     assert "seed=2: unfinished, 1000 of 1000 environment steps" in text
 
 
-def test_a_seed_that_no_method_has_is_missed_when_asked_for(sweep: Path) -> None:
+def test_a_seed_that_no_method_has_is_missed_when_asked_for(sweep):
     notes = compare(load(sweep), "pid_acc", seeds=range(6)).notes
     assert "ZOAC: 5 of 6 seeds; missing: 5" in notes
 
 
-def test_seeds_that_were_not_asked_for_do_not_count(sweep: Path) -> None:
+def test_seeds_that_were_not_asked_for_do_not_count(sweep):
     (zoac, *_) = compare(load(sweep), "pid_acc", seeds=[0, 1]).summaries
     assert zoac.seeds == (0, 1)
     assert zoac.missing == ()
 
 
-def test_seeds_that_nobody_has_are_refused_with_those_there_are(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_seeds_that_nobody_has_are_refused_with_those_there_are(tmp_path, capsys):
     for seed in (0, 3):
         write_run(tmp_path, "zoac", seed)
     assert main([str(tmp_path), "--seeds", "7"]) == 1
@@ -90,7 +84,7 @@ def test_seeds_that_nobody_has_are_refused_with_those_there_are(
     assert told in capsys.readouterr().err
 
 
-def test_a_cost_that_is_not_a_number_is_named_and_nothing_is_averaged(sweep: Path) -> None:
+def test_a_cost_that_is_not_a_number_is_named_and_nothing_is_averaged(sweep):
     for name in ("result.json", "metrics.jsonl"):
         path = sweep / "pid_acc" / "bo" / "seed=3" / name
         path.write_text(path.read_text().replace("6.3", "NaN", 1))
@@ -100,20 +94,7 @@ def test_a_cost_that_is_not_a_number_is_named_and_nothing_is_averaged(sweep: Pat
     assert "BO -" not in text
 
 
-def test_mixed_configurations_end_with_one_message(
-    sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_run(sweep, "zoac", 5, config={"num_envs": 4})
-    assert main([str(sweep), "--task", "pid_acc", "--out", str(tmp_path / "t")]) == 1
-    error = capsys.readouterr().err
-    assert error.startswith("error: the runs of zoac on pid_acc differ in their configuration")
-    assert "  num_envs: 2 in seed 0, seed 1, seed 2, seed 3, seed 4; 4 in seed 5" in error
-    assert not (tmp_path / "t").exists()
-
-
-def test_variants_that_do_not_compare_are_offered_as_a_choice(
-    sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_variants_that_do_not_compare_are_offered_as_a_choice(sweep, tmp_path, capsys):
     write_run(sweep, "zoac", 0, variant="short", config={"budget": 500})
     command = [str(sweep), "--task", "pid_acc", "--out", str(tmp_path)]
     assert main(command) == 1
@@ -125,21 +106,12 @@ def test_variants_that_do_not_compare_are_offered_as_a_choice(
     assert "no run of variant 'shorter'; did you mean 'short'?" in capsys.readouterr().err
 
 
-def test_an_unknown_task_is_one_message(
-    sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_unknown_task_is_one_message(sweep, tmp_path, capsys):
     assert main([str(sweep), "--task", "mpc_tracking", "--out", str(tmp_path)]) == 1
     assert capsys.readouterr().err == "error: no run of task 'mpc_tracking'; known: pid_acc\n"
 
 
-def test_the_same_runs_give_the_same_bytes(sweep: Path, tmp_path: Path) -> None:
-    for out in ("a", "b"):
-        assert main([str(sweep), "--task", "pid_acc", "--out", str(tmp_path / out)]) == 0
-    for name in ("table2.md", "table2.tex", "table2.csv"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-
-
-def test_claims_follow_the_intervals(sweep: Path) -> None:
+def test_claims_follow_the_intervals(sweep):
     text = table(sweep)
     (clear,) = [line for line in text.split("\n") if line.startswith("- ZOAC - BO")]
     assert "ZOAC costs less on average; P(ZOAC better) = 1.00 [0." in clear
@@ -149,16 +121,15 @@ def test_claims_follow_the_intervals(sweep: Path) -> None:
     assert luck.count("no claim") == 2
 
 
-def test_the_table_and_the_claims_tell_the_same_difference_to_nominal(sweep: Path) -> None:
+def test_the_table_and_the_claims_tell_the_same_difference_to_nominal(sweep):
     comparison = compare(load(sweep), "pid_acc")
+    told = {c.first: c.difference for c in comparison.claims if c.second == "Nominal"}
+    assert len(told) == 3
     for summary in comparison.summaries:
-        against = [
-            c for c in comparison.claims if (c.first, c.second) == (summary.label, "Nominal")
-        ]
-        assert [summary.intervals["minus_nominal"]] == ([c.difference for c in against] or [None])
+        assert summary.intervals["minus_nominal"] == told.get(summary.label, UNKNOWN)
 
 
-def test_minus_nominal_is_against_the_tuner_of_that_name(sweep: Path) -> None:
+def test_minus_nominal_is_against_the_tuner_of_that_name(sweep):
     found = {
         s.label: s.intervals["minus_nominal"] for s in compare(load(sweep), "pid_acc").summaries
     }
@@ -173,28 +144,27 @@ def test_minus_nominal_is_against_the_tuner_of_that_name(sweep: Path) -> None:
             assert summary.intervals["minus_nominal"] == found[summary.label]
 
 
-def test_four_seeds_carry_no_claim(sweep: Path) -> None:
+def test_four_seeds_carry_no_claim(sweep):
     text = table(sweep, seeds=range(4))
     assert "ZOAC - BO = -3.12: no claim, fewer than 5 seeds" in text
 
 
-def test_seeds_of_an_untuned_controller_do_not_scatter(sweep: Path) -> None:
+def test_seeds_of_an_untuned_controller_do_not_scatter(sweep):
     write_run(sweep, "nominal", 1, costs=(2.5, 3.5, 4.5, 5.5), gains=NOMINAL, evaluations=())
     assert row(table(sweep), "Nominal")[1:3] == ["2", "4.00"]
 
 
-def test_csv_keeps_ten_digits(sweep: Path) -> None:
+def test_csv_keeps_ten_digits(sweep):
     comparison = compare(load(sweep), "pid_acc")
     frame = pd.read_csv(io.StringIO(csv(comparison)))
     for summary, (_, line) in zip(comparison.summaries[:3], frame.iterrows(), strict=False):
         cost = summary.intervals["cost"]
-        assert cost is not None
         expected = cost.estimate, cost.low
         assert (line["cost"], line["cost_low"]) == pytest.approx(expected, rel=1e-9)
 
 
-def test_latex_has_a_cell_for_every_column(tmp_path: Path) -> None:
-    text = latex(compare(load(mpc(tmp_path)), "mpc_tracking"))
+def test_latex_has_a_cell_for_every_column(tmp_path):
+    text = latex(compare(load(mpc(tmp_path)), "mpc_tracking", expected=TABLE2))
     columns = text.split(r"\begin{tabular}{")[1].split("}")[0]
     rows = [line for line in text.split("\n") if line.endswith(r"\\")]
     assert len(rows) == 6
@@ -202,19 +172,17 @@ def test_latex_has_a_cell_for_every_column(tmp_path: Path) -> None:
     assert "±" not in "".join(rows)
 
 
-def test_at_a_smaller_budget_a_run_counts_as_it_stood_then(sweep: Path) -> None:
+def test_at_a_smaller_budget_a_run_counts_as_it_stood_then(sweep):
     comparison = compare(load(sweep), "pid_acc", budget=499)
     zoac, nominal = comparison.summaries[0], comparison.summaries[-1]
     mean_std, cost = zoac.means["cost"], nominal.intervals["cost"]
-    assert mean_std is not None
     assert mean_std.mean == 50.0
     # Two episodes then; the nominal controller's first two are the same ones.
     assert comparison.episodes == 2
-    assert cost is not None
     assert cost.estimate == pytest.approx(3.0)
 
 
-def test_times_of_different_machines_are_flagged(sweep: Path) -> None:
+def test_times_of_different_machines_are_flagged(sweep):
     path = sweep / "pid_acc" / "bo" / "seed=1" / "run.json"
     content = json.loads(path.read_text())
     path.write_text(json.dumps({**content, "machine": {"cores": 64}}))
@@ -233,10 +201,10 @@ def test_times_of_different_machines_are_flagged(sweep: Path) -> None:
         (MeanStd(9.96e-3, 1e-3), "(1.0 ± 0.1)e-2"),
         (MeanStd(1.976, 0.0213), "1.98 ± 0.02"),
         (MeanStd(37.16, float("nan")), "37.16"),
-        (None, "--"),
+        (MeanStd(), "--"),
     ],
 )
-def test_numbers_read_as_the_paper_prints_them(mean_std: MeanStd | None, shown: str) -> None:
+def test_numbers_read_as_the_paper_prints_them(mean_std, shown):
     assert plus_minus(mean_std) == shown
 
 
@@ -244,7 +212,7 @@ def test_numbers_read_as_the_paper_prints_them(mean_std: MeanStd | None, shown: 
     ("value", "shown"),
     [(0.00996, "+1.0e-2"), (9.97e6, "+1.0e7"), (-2.34e-5, "-2.3e-5"), (999.4, "+999.4")],
 )
-def test_an_exponent_is_that_of_the_rounded_number(value: float, shown: str) -> None:
+def test_an_exponent_is_that_of_the_rounded_number(value, shown):
     assert number(value, sign=True) == shown
 
 
@@ -261,7 +229,7 @@ def test_an_exponent_is_that_of_the_rounded_number(value: float, shown: str) -> 
         (Interval(0.0, 0.0, 0.0), "+0.00 [+0.00, +0.00]"),
     ],
 )
-def test_bounds_can_be_told_apart(interval: Interval, shown: str) -> None:
+def test_bounds_can_be_told_apart(interval, shown):
     assert estimate(interval, sign=True) == shown
 
 
@@ -287,7 +255,7 @@ def test_fractions_in_violation_compare_between_evaluations_of_different_length(
     assert "all episodes of each evaluation, 2 to 4" in note
 
 
-def test_the_only_task_needs_no_name(sweep: Path, tmp_path: Path, capsys) -> None:
+def test_the_only_task_needs_no_name(sweep, tmp_path, capsys):
     assert main([str(sweep), "--out", str(tmp_path / "out")]) == 0
     assert "comparison on PID-ACC" in capsys.readouterr().out
     write_run(sweep, task="lqr")

@@ -1,14 +1,10 @@
 """A run folder of somebody else runs nothing here, whichever command reads it, unless asked for."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import sys
-from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -35,7 +31,7 @@ class Task(PidAcc):
 
 
 @pytest.fixture
-def trace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def trace(tmp_path, monkeypatch):
     """The file that a trap leaves behind; `trap` is a module that does so when it is imported."""
     found = tmp_path / "trace"
     (tmp_path / "modules").mkdir()
@@ -45,7 +41,7 @@ def trace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     sys.modules.pop("trap", None)
 
 
-def kinds(trace: Path) -> dict[str, Any]:
+def kinds(trace):
     """Return configurations of a task that would leave the trace."""
     user = {
         "_target_": "zoac.tasks.user_task.user_task",
@@ -73,7 +69,7 @@ def kinds(trace: Path) -> dict[str, Any]:
 
 
 @pytest.fixture(params=kinds(Path()))
-def foreign(request: pytest.FixtureRequest, tmp_path: Path, trace: Path) -> Path:
+def foreign(request, tmp_path, trace):
     """Runs that are traps: in the configuration, in the kept task, in the checkpoint."""
     root = tmp_path / "runs"
     task = kinds(trace)[request.param]
@@ -90,12 +86,14 @@ def foreign(request: pytest.FixtureRequest, tmp_path: Path, trace: Path) -> Path
     return root
 
 
-# Each command by each way to a task; the test of the film below goes through all kinds.
-@pytest.mark.parametrize("foreign", ["pickle", "module", "env"], indirect=True)
-@pytest.mark.parametrize("command", COMMANDS)
-def test_no_command_runs_what_a_folder_holds_or_names(
-    command: str, foreign: Path, trace: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+# A command that replays, by each way to a task; the test of the film below goes through all kinds.
+@pytest.mark.parametrize(
+    ("command", "foreign"),
+    [(name, "module") for name in COMMANDS]
+    + [(name, kind) for name in sorted(REPLAYING) for kind in ("pickle", "env")],
+    indirect=["foreign"],
+)
+def test_no_command_runs_what_a_folder_holds_or_names(command, foreign, trace, capsys):
     module = import_module(f"zoac.analysis.{command}")
     options = [] if command in {"compact", "suite"} else ["--task", "pid_acc"]
     options += ["--format", "svg"] if command in {"curves", "suite"} else []
@@ -106,7 +104,7 @@ def test_no_command_runs_what_a_folder_holds_or_names(
         assert "--trust-code" in capsys.readouterr().err
 
 
-def test_the_film_and_load_result_run_nothing_either(foreign: Path, trace: Path) -> None:
+def test_the_film_and_load_result_run_nothing_either(foreign, trace):
     film = import_module("zoac.analysis.trajectories")
     assert film.main([str(foreign), "--animate", str(trace.parent / "film.gif")]) == 1
     result = zoac.load_result(foreign / "pid_acc" / "zoac" / "seed=0")
@@ -116,18 +114,18 @@ def test_the_film_and_load_result_run_nothing_either(foreign: Path, trace: Path)
     assert not trace.exists()
 
 
-def test_what_would_be_loaded_is_named(tmp_path: Path) -> None:
+def test_what_would_be_loaded_is_named(tmp_path):
     folder = write_run(tmp_path, config={"task": {**PID, "solver": {"_target_": "trap.Task"}}})
     with pytest.raises(RunFolderError, match=r"not zoac's own \(task.solver._target_: trap.Task\)"):
         task_of_run(folder)
 
 
 @pytest.mark.parametrize("path", ["zoac.tasks.register", "zoac.tasks.lqr.task.Task", "zoac.tasks"])
-def test_only_classes_of_zoacs_own_tasks_and_solvers_need_no_trust_code(path: str) -> None:
+def test_only_classes_of_zoacs_own_tasks_and_solvers_need_no_trust_code(path):
     assert foreign_code({"_target_": path}) == [f"task._target_: {path}"]
 
 
-def test_what_is_trusted_is_loaded(tmp_path: Path, trace: Path) -> None:
+def test_what_is_trusted_is_loaded(tmp_path, trace):
     folder = write_run(tmp_path, config={"task": {"space": []}})
     (folder / "task.pkl").write_bytes(pickle.dumps(Traps(trace)))
     with pytest.raises(RunFolderError, match="the pickle task.pkl"):
@@ -137,9 +135,7 @@ def test_what_is_trusted_is_loaded(tmp_path: Path, trace: Path) -> None:
 
 
 @pytest.mark.parametrize("command", sorted(REPLAYING))
-def test_each_command_that_replays_takes_trust_code(
-    command: str, tmp_path: Path, trace: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_command_that_replays_takes_trust_code(command, tmp_path, trace, monkeypatch):
     write_run(tmp_path / "runs", config={"task": {**PID, "_target_": "trap.Task"}})
     module = import_module(f"zoac.analysis.{command}")
     options = [] if command == "report" else ["--format", "svg"]
@@ -147,7 +143,7 @@ def test_each_command_that_replays_takes_trust_code(
     assert trace.exists()
 
 
-def choices(group: str) -> list[str]:
+def choices(group):
     return sorted(path.stem for path in (ROOT / "conf" / group).glob("*.yaml"))
 
 
@@ -156,11 +152,11 @@ def choices(group: str) -> list[str]:
     [f"task={name}" for name in choices("task") if name != "program"]
     + [f"mpc_solver={name}" for name in choices("mpc_solver")],
 )
-def test_no_task_or_solver_of_zoac_needs_trust_code(override: str) -> None:
+def test_no_task_or_solver_of_zoac_needs_trust_code(override):
     config = resolved(compose_config(["task=mpc_tracking", override]))
     assert foreign_code(config["task"]) == []
 
 
-def test_a_program_is_never_run_unasked() -> None:
+def test_a_program_is_never_run_unasked():
     config = resolved(compose_config(["task=program", "+task.command=[true]"]))
     assert foreign_code(config["task"]) != []
