@@ -41,7 +41,7 @@ MARKERS = {plants.TUNED: "o", plants.BASELINE: "^"}
 @cli.command(
     "robustness", "Tuned parameters on varied plants.", "robustness", *cli.OPTIONS,
     tuner={"help": "default: zoac's median run, or whatever was tuned"},
-    seed={"type": int, "help": "default: the median run"},
+    seed={"type": cli.seed, "help": "default: the median run"},
     vary={"action": "append", "metavar": "NAME=LOW,HIGH", "help": "may be repeated"},
     plants={"type": cli.count, "default": 20, "help": "plants drawn; default: 20"},
     episodes={"type": cli.count, "default": 8, "help": "per plant; default: 8"},

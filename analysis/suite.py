@@ -99,6 +99,9 @@ def read(path: Path) -> pd.DataFrame:
         raise RunFolderError(f"{path}: cannot be read as CSV: {error}") from None
     if missing := [name for name in COLUMNS if name not in frame]:
         raise RunFolderError(f"{path}: no column {missing[0]!r}; expected {', '.join(COLUMNS)}")
+    for name in set(COLUMNS) - {"problem", "tuner"}:
+        if not pd.api.types.is_numeric_dtype(frame[name]):
+            raise RunFolderError(f"{path}: column {name!r}: expected numbers only")
     return frame[COLUMNS]
 
 

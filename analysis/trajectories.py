@@ -71,9 +71,9 @@ _FILM = "write a .gif or .mp4 of one run, before and after tuning, instead"
 
 @cli.command(
     "trajectories", "Closed loops (Figs. 5 and 6).", "figures", *cli.OPTIONS,
-    seed={"type": int, "help": "default: the seed of median cost of each tuner"},
+    seed={"type": cli.seed, "help": "default: the seed of median cost of each tuner"},
     animate={"type": cli.folder, "metavar": "FILE", "help": _FILM},
-    tuner={"help": "use only this tuner; --animate: default zoac"},
+    tuner={"help": "use only this tuner; --animate: default the first in the table"},
 )  # fmt: skip
 def main(options: argparse.Namespace) -> None:
     """Draw closed loops, or film one before and after tuning."""

@@ -179,6 +179,9 @@ def test_a_file_of_something_else_and_a_run_twice_are_refused(file, tmp_path, ca
     pd.concat([frame, frame.head(1)]).to_csv(file, index=False)
     assert suite.main([str(file), "--out", str(tmp_path)]) == 1
     assert "two runs of problem a, tuner bo, experiments 30, seed 0" in capsys.readouterr().err
+    frame.assign(cost=["two", *frame["cost"][1:]]).to_csv(file, index=False)
+    assert suite.main([str(file), "--out", str(tmp_path)]) == 1
+    assert "column 'cost': expected numbers only" in capsys.readouterr().err
 
 
 def test_runs_of_a_sweep_are_read(tmp_path):
