@@ -76,12 +76,10 @@ def read_from(
 
 def _read_only(segment: Segment) -> Segment:
     """Return a segment whose arrays cannot be changed: other functions read them too."""
+    arrays = ("observations", "actions", "commands", "costs")
     return replace(
         segment,
-        observations=_locked(segment.observations),
-        actions=_locked(segment.actions),
-        commands=_locked(segment.commands),
-        costs=_locked(segment.costs),
+        **{name: _locked(getattr(segment, name)) for name in arrays},
         diagnostics={name: _locked(values) for name, values in segment.diagnostics.items()},
     )
 
