@@ -14,7 +14,7 @@ from zoac.runs import checkpoint
 
 def tune(**options):
     """Iterations of 40 steps."""
-    return tune_briefly(**{"tuner": "random", "budget": 2000, **options})
+    return tune_briefly(**{"tuner": "random", "budget": 1000, **options})
 
 
 class Told(zoac.Callback):
@@ -93,7 +93,7 @@ def test_it_changes_no_number_and_no_other_callbacks_row(tmp_path):
 def test_false_of_numpy_ends_the_run_and_other_answers_do_not():
     def stopped(answer):
         follower = type("Follower", (zoac.Callback,), {"on_iteration": lambda self, row: answer})
-        return "stopped_by" in tune(callbacks=[follower()]).record
+        return "stopped_by" in tune(callbacks=[follower()], budget=80).record
 
     assert stopped(np.False_)
     assert not any(map(stopped, (None, 0, 0.0, "", [])))
@@ -155,7 +155,7 @@ def test_an_early_stop_leaves_the_acceptance_test_its_steps(tmp_path):
 
 @pytest.mark.parametrize(("iterations", "selected"), [(2, False), (9, True)])
 def test_zoac_plus_stops_in_successive_halving_or_with_its_final_selection(iterations, selected):
-    result = tune(callbacks=[After(iterations)], tuner="zoac_plus")
+    result = tune(callbacks=[After(iterations)], tuner="zoac_plus", budget=2000)
     assert result.env_steps < 1900
     assert (result.record.get("select", {}).get("episodes", 0) > 0) == selected
 
