@@ -45,9 +45,8 @@ class Console:
     ) -> None:
         """
         Args:
-            budget: Environment steps.
-            folder: The run folder, to be named at the end.
-            stream: Where to; None: standard output, if there is one.
+            folder: To be named at the end.
+            stream: None: standard output, if there is one.
             brief: Print nothing but the line that moves: a sweep prints one line about each run.
             live: Whether a line may move; False if other processes write to the same stream.
         """

@@ -75,25 +75,20 @@ def run_session(
     command: Sequence[str],
     fidelity: str = "paper",
 ) -> dict[str, Any]:
-    """Tune as configured, or go on with or return what is there already.
+    """Tune as configured, or go on with or return what is there; return `result.json`'s content.
 
     Args:
         config: Resolved configuration.
-        task: Name for the run's identity.
-        tuner: Likewise.
+        task: Name for the run's identity; likewise `tuner`.
         command: What was typed, for the record.
         fidelity: Name of that choice, for the options of a tuner that is yet to be chosen.
-
-    Returns:
-        The content of `result.json`.
 
     Raises:
         ConfigError: If the configuration cannot be used.
         RunFolderError: If the folder holds another run, is damaged or in use.
     """
     the_task = factory.build_task(config)
-    groups = {"task": task, "tuner": tuner, "fidelity": fidelity}
-    config, chosen = settled(config, the_task, groups)
+    config, chosen = settled(config, the_task, {"task": task, "tuner": tuner, "fidelity": fidelity})
     folder = run_folder.of(config, task, tuner)
     brief = lifeline.shares_terminal()
     live = lifeline.is_sweep() or not brief
