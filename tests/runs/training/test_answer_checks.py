@@ -9,9 +9,11 @@ from tests.runs.training.ziegler_nichols import PI, SPACE, STEPS, Plant
 from tests.support import CountingTask
 from zoac.analysis import report
 from zoac.analysis.data.load import load
+from zoac.config.compose import compose_config, resolved
 from zoac.core.parameters import Parameter
 from zoac.runs.schema import read_metrics, read_result
 from zoac.runs.training.answer_checks import warnings
+from zoac.runs.training.lifecycle import run_session
 
 
 def result_of(costs, **more):
@@ -165,33 +167,18 @@ def test_the_best_evaluated_recommendation_can_be_the_answer_of_any_tuner():
     assert result.warnings == []
 
 
-def test_the_command_lines_results_say_what_the_start_values_cost(run_in):
-    result = run_in("task=pendulum", "tuner=random", "budget=400", "evaluation.final_episodes=2")
+def test_results_and_first_evaluations_of_the_command_line_say_what_the_baseline_costs(tmp_path):
+    options = ("task=pendulum", "tuner=random", "budget=400", "evaluation.episodes=2",
+               "evaluation.final_episodes=2", f"runs_dir={tmp_path}")  # fmt: skip
+    result = run_session(resolved(compose_config(options)), "pendulum", "random", [])
     assert result["baseline_cost_mean"] == result["baseline"]["cost_mean"]
     assert len(result["baseline"]["cost_per_episode"]) == 2
     assert "warnings" in result
-
-
-def test_the_first_evaluation_says_what_the_baseline_values_cost_on_its_episodes(run_in, tmp_path):
-    told = ("task=pendulum", "budget=400", "evaluation.episodes=2", "evaluation.final_episodes=2")
-    result = run_in(*told, "tuner=random")
     (folder,) = (file.parent for file in tmp_path.rglob("metrics.jsonl"))
     first, *others = (r for r in read_metrics(folder) if r["kind"] == "eval")
     assert first["baseline_cost_mean"] == result["baseline_cost_mean"]  # the same two episodes
     assert first["baseline_cost_mean"] != first["cost_mean"]
     assert not any("baseline_cost_mean" in row for row in others)
-
-
-@pytest.fixture
-def run_in(tmp_path):
-    from zoac.config.compose import compose_config, resolved
-    from zoac.runs.training.lifecycle import run_session
-
-    def run(*overrides):
-        config = resolved(compose_config([*overrides, f"runs_dir={tmp_path}"]))
-        return run_session(config, "pendulum", "random", [])
-
-    return run
 
 
 class Regularised(CountingTask):

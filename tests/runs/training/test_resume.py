@@ -111,14 +111,14 @@ def test_a_librarys_optimiser_continues_bit_for_bit(tuner, tmp_path, stopping):
 
 @pytest.mark.parametrize("executor", ["serial", "process"])
 def test_a_users_objects_continue_bit_for_bit(executor, tmp_path, stopping):
-    def tune(folder):
+    def tune(folder, executor=executor):
         return zoac.tune(
             env=Drift, controller=Integrator(), space={"k": (0, 2)}, budget=300, num_envs=2,
             episodes=1, final_episodes=2, quiet=True, max_episode_steps=10, folder=folder,
             executor=executor,
         ).record  # fmt: skip
 
-    whole = without_clocks(tune(tmp_path / "whole"))
+    whole = without_clocks(tune(tmp_path / "whole", "serial"))
     stopping(2)
     with pytest.raises(KeyboardInterrupt):
         tune(tmp_path / "parts")

@@ -179,7 +179,7 @@ def test_a_logger_that_fails_does_not_end_the_run(tmp_path, capsys):
 
 
 def test_processes_give_the_bits_of_serial(tmp_path, whole):
-    spread = train(tmp_path, executor=Process(workers=3))
+    spread = train(tmp_path, executor=Process(workers=2))
     assert spread["x"] == whole.result["x"]
     assert same_rows(tmp_path, whole.folder)
 
