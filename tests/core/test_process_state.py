@@ -91,8 +91,8 @@ BITS = """
         import zoac
         found = []
         for tuner in ("zoac", "zoac_plus"):
-            result = zoac.tune(task="pid_acc", tuner=tuner, budget=2000, quiet=True, episodes=1,
-                               final_episodes=2)
+            result = zoac.tune(task="pid_acc", tuner=tuner, budget=1000, quiet=True, episodes=1,
+                               final_episodes=1, num_envs=4)
             found.append(result.parameters)
         return found
 
