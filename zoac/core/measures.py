@@ -76,12 +76,10 @@ def read_from(
 
 def _read_only(segment: Segment) -> Segment:
     """Return a segment whose arrays cannot be changed: other functions read them too."""
-    arrays = ("observations", "actions", "commands", "costs")
-    return replace(
-        segment,
-        **{name: _locked(getattr(segment, name)) for name in arrays},
-        diagnostics={name: _locked(values) for name, values in segment.diagnostics.items()},
-    )
+    names = ("observations", "actions", "commands", "costs")
+    views: dict[str, Any] = {name: _locked(getattr(segment, name)) for name in names}
+    diagnostics = {name: _locked(values) for name, values in segment.diagnostics.items()}
+    return replace(segment, **views, diagnostics=diagnostics)
 
 
 def _locked(array: np.ndarray) -> np.ndarray:

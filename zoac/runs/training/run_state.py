@@ -22,11 +22,9 @@ class Part(Protocol):
 
     def state(self) -> Any:
         """Return a copy of everything that the part's next steps depend on."""
-        ...
 
     def restore(self, state: Any) -> None:
         """Restore what `state` returned."""
-        ...
 
 
 class Checkpoints:
