@@ -67,7 +67,7 @@ class Parameter:
         if whole and log:
             raise ConfigError(f"{where}: an integer has no log scale; tune its logarithm")
         for fault, expected in (
-            (not math.isfinite(self.high - self.low), "bounds must be finite"),
+            (not (math.isfinite(self.low) and math.isfinite(self.high)), "bounds must be finite"),
             (self.low >= self.high, "the lower bound must be below the upper"),
             (log and self.low * self.high <= 0,
              "a log scale needs a positive lower bound, or a negative upper one"),
