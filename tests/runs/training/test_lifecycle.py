@@ -69,6 +69,14 @@ def test_a_run_that_is_done_is_returned_without_its_tuner(folder, monkeypatch):
     assert tune(folder).env_steps == zoac.load_result(folder).env_steps
 
 
+def test_a_folder_that_another_process_holds_is_refused_by_name(folder):
+    with (
+        lock.locked(folder / ".lock"),
+        pytest.raises(RunFolderError, match="run: another process is running this run$"),
+    ):
+        tune(folder)
+
+
 def test_overwriting_leaves_nothing_of_the_run_before(folder):
     result = tune(folder, budget=600, resume="overwrite")
     assert result.env_steps >= 600
