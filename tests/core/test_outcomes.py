@@ -1,5 +1,8 @@
 """One ranking of episodes, and numbers that keep it."""
 
+import functools
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,13 +20,15 @@ EPISODES = st.lists(
 )
 
 
+@functools.cache
+def segment():
+    return engine(CountingTask(1), [0]).rollout([proposal(0)])[0]
+
+
 def segments(episodes):
     """Return segments with these violations and total costs."""
-    (one,) = engine(CountingTask(1), [0]).rollout([proposal(0)])
-    made = [one.with_costs(np.array([cost])) for _, cost in episodes]
-    for segment, (violation, _) in zip(made, episodes, strict=True):
-        object.__setattr__(segment, "violation", violation)
-    return made
+    made = [segment().with_costs(np.array([cost])) for _, cost in episodes]
+    return [replace(s, violation=v) for s, (v, _) in zip(made, episodes, strict=True)]
 
 
 def expected(one, other):

@@ -44,17 +44,6 @@ def law(params, obs):
     return -params["k"] / params["n"] * obs[0] * (1 if params["mode"] == "a" else 0.5)
 
 
-@pytest.mark.parametrize("suffix", [".yaml", ".json"])
-def test_a_file_read_back_acts_as_the_tuned_controller(suffix, tmp_path):
-    result = tuned(law)
-    path = result.export(tmp_path / f"gains{suffix}")
-    read = json.loads if suffix == ".json" else yaml.safe_load
-    params = read(path.read_text())
-    segment = closed_loop(result)
-    by_hand = np.array([law(params, o) for o in segment.observations[:-1]])
-    assert np.array_equal(by_hand, segment.commands[:, 0])
-
-
 def test_the_c_header_holds_every_value_as_its_type(tmp_path):
     text = export(ODD, tmp_path / "my gains.h", {"k": "N/rad"}).read_text()
     assert text.startswith("#ifndef MY_GAINS_H\n#define MY_GAINS_H\n")

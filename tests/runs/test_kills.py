@@ -1,18 +1,21 @@
 """`stress.kills` reaches every task and tuner; its kills themselves take an hour."""
 
+import itertools
+
 import pytest
 
 from stress import kills
 from zoac.config.compose import compose_config, resolved
 
-
-@pytest.mark.parametrize("task", kills.choices("task"))
-def test_a_short_run_of_every_task_can_be_composed(task):
-    assert (
-        resolved(compose_config(kills.overrides(task, "zoac")))["task"]["max_episode_steps"] == 40
-    )
+TASKS, TUNERS = kills.choices("task"), kills.choices("tuner")
+PAIRS = list(zip(itertools.cycle(TASKS), TUNERS, strict=False))
 
 
-@pytest.mark.parametrize("tuner", kills.choices("tuner"))
-def test_a_short_run_of_every_tuner_can_be_composed(tuner):
-    assert resolved(compose_config(kills.overrides("pid_acc", tuner)))["budget"] == 3000
+def test_pairs_reach_every_task():
+    assert {task for task, _ in PAIRS} == set(TASKS)
+
+
+@pytest.mark.parametrize(("task", "tuner"), PAIRS)
+def test_a_short_run_of_every_task_and_tuner_can_be_composed(task, tuner):
+    config = resolved(compose_config(kills.overrides(task, tuner)))
+    assert (config["budget"], config["task"]["max_episode_steps"]) == (3000, 40)

@@ -38,4 +38,3 @@ class Controller(Protocol):
             every step), which are stored with the segment. `solver_seconds` (n,) and
             `solver_failed` (n,) bool are names that the accounting knows.
         """
-        ...

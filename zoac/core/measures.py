@@ -76,14 +76,10 @@ def read_from(
 
 def _read_only(segment: Segment) -> Segment:
     """Return a segment whose arrays cannot be changed: other functions read them too."""
-    return replace(
-        segment,
-        observations=_locked(segment.observations),
-        actions=_locked(segment.actions),
-        commands=_locked(segment.commands),
-        costs=_locked(segment.costs),
-        diagnostics={name: _locked(values) for name, values in segment.diagnostics.items()},
-    )
+    names = ("observations", "actions", "commands", "costs")
+    views: dict[str, Any] = {name: _locked(getattr(segment, name)) for name in names}
+    diagnostics = {name: _locked(values) for name, values in segment.diagnostics.items()}
+    return replace(segment, **views, diagnostics=diagnostics)
 
 
 def _locked(array: np.ndarray) -> np.ndarray:

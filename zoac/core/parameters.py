@@ -59,39 +59,100 @@ class Parameter:
     def __post_init__(self) -> None:
         if self.kind == "choice":
             return
-        where, got = f"parameter {self.name!r}", f"got [{self.low}, {self.high}]"
+        where, log, whole = f"parameter {self.name!r}", self.scale == "log", self.kind == "integer"
         if self.scale not in ("linear", "log"):
             raise ConfigError(
                 f"{where}: unknown scale {self.scale!r}; {suggest(self.scale, ('linear', 'log'))}"
             )
-        if not (math.isfinite(self.low) and math.isfinite(self.high)):
-            raise ConfigError(f"{where}: bounds must be finite, {got}")
-        if self.low >= self.high:
-            raise ConfigError(f"{where}: the lower bound must be below the upper, {got}")
-        if self.scale == "log" and self.low * self.high <= 0:
-            raise ConfigError(
-                f"{where}: a log scale needs a positive lower bound, or a negative upper one, {got}"
-            )
-        if self.kind == "integer" and self.scale == "log":
+        if whole and log:
             raise ConfigError(f"{where}: an integer has no log scale; tune its logarithm")
-        if self.kind == "integer" and (self.low % 1 or self.high % 1):
-            raise ConfigError(f"{where}: bounds of an integer must be whole, {got}")
+        for fault, expected in (
+            (not (math.isfinite(self.low) and math.isfinite(self.high)), "bounds must be finite"),
+            (self.low >= self.high, "the lower bound must be below the upper"),
+            (log and self.low * self.high <= 0,
+             "a log scale needs a positive lower bound, or a negative upper one"),
+            (whole and (self.low % 1 or self.high % 1), "bounds of an integer must be whole"),
+        ):  # fmt: skip
+            if fault:
+                raise ConfigError(f"{where}: {expected}, got [{self.low}, {self.high}]")
 
     @property
-    def numeric(self) -> bool:
-        """Whether its values are numbers."""
-        return all(is_number(o) for o in self.options)
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of its coordinates (w,): one a number, one an option."""
+        return tuple(f"{self.name}={option}" for option in self.options) or (self.name,)
+
+    @property
+    def codes(self) -> np.ndarray:
+        """The number that stands for each option (K,): itself, or the option's position."""
+        numeric = all(map(is_number, self.options))
+        return np.array(self.options if numeric else range(len(self.options)), dtype=np.float64)
+
+    def values(self, x: np.ndarray) -> np.ndarray:
+        """Map its coordinates (..., w) to physical values (...)."""
+        if self.kind == "choice":
+            # Not clipped: beyond the box, the larger of two coordinates still decides.
+            return self.codes[x.argmax(axis=-1)]
+        share = (np.clip(x[..., 0], -1.0, 1.0) + 1.0) * 0.5
+        if self.kind == "integer":
+            count = self.high - self.low + 1.0
+            return self.low + np.minimum(np.floor(share * count), count - 1.0)
+        if self.scale == "linear":
+            return np.clip(self.low + share * (self.high - self.low), self.low, self.high)
+        sign = np.sign(self.high)
+        low, high = np.log10(np.array([self.low, self.high]) * sign)
+        return np.clip(sign * np.power(10.0, low + share * (high - low)), self.low, self.high)
+
+    def normalise(self, given: Any) -> np.ndarray:
+        """Map physical values (...) to its coordinates (..., w).
+
+        Raises:
+            ConfigError: If a value cannot be one of this parameter.
+        """
+        where = f"parameter {self.name!r}"
+        if self.kind == "choice":
+            array = np.array(given, dtype=object)
+            for value in array.reshape(-1):
+                if value not in self.options:
+                    known = suggest(str(value), map(str, self.options))
+                    raise ConfigError(f"{where}: unknown option {value!r}; {known}")
+            chosen = array[..., None] == np.array(self.options, dtype=object)
+            return np.where(chosen, CHOSEN, -CHOSEN)
+        try:
+            values = np.asarray(given, dtype=np.float64)[..., None]
+        except (TypeError, ValueError):
+            raise ConfigError(
+                f"{where}: expected a number from {self.low} to {self.high}, got {given!r}"
+            ) from None
+        if not np.all((values >= self.low) & (values <= self.high)):
+            bounds = f"[{self.low}, {self.high}] {self.unit}".rstrip()
+            raise ConfigError(f"{where}: {given} lies outside {bounds}")
+        if self.kind == "integer":
+            if np.any(values % 1.0):
+                raise ConfigError(f"{where}: {given} is not a whole number")
+            return self.centre(values)
+        low, high = self.low, self.high
+        if self.scale == "log":
+            sign = np.sign(high)
+            values, low, high = (np.log10(part * sign) for part in (values, low, high))
+        return np.clip((values - low) / (high - low) * 2.0 - 1.0, -1.0, 1.0)
+
+    def rounded(self, x: np.ndarray) -> np.ndarray:
+        """Return the coordinates (..., w) that stand for the values of `x`; see the space's."""
+        if self.kind == "real":
+            return np.clip(x, -1.0, 1.0)
+        values = self.values(x)[..., None]
+        if self.kind == "integer":
+            return self.centre(values)
+        return np.where(values == self.codes, 1.0, -1.0)
 
     def centre(self, values: Any) -> Any:
         """Return where in [-1, 1] the middle of a whole number's share is, any shape."""
         return (values - self.low + 0.5) / (self.high - self.low + 1.0) * 2.0 - 1.0
 
     def plain(self, value: float) -> Any:
-        """Return a value that `ParameterSpace.values` gives as int, float or option."""
+        """Return a value that `values` gives as int, float or option."""
         if self.kind == "choice":
-            if not self.numeric:
-                return self.options[int(value)]
-            return next(option for option in self.options if float(option) == float(value))
+            return self.options[self.codes.tolist().index(value)]
         return round(value) if self.kind == "integer" else float(value)
 
 
@@ -141,26 +202,10 @@ class ParameterSpace:
             raise ConfigError("a parameter space needs at least one parameter")
         if repeated := {name for name in self.names if self.names.count(name) > 1}:
             raise ConfigError(f"parameter names must differ; repeated: {', '.join(repeated)}")
-        self._log = np.array([p.scale == "log" for p in self.parameters])
-        self._bounds = np.array([(p.low, p.high) for p in self.parameters], dtype=np.float64).T
-        self._scaled = self._bounds.copy()
-        self._sign = np.sign(self._bounds[1, self._log])
-        self._scaled[:, self._log] = np.log10(self._bounds[:, self._log] * self._sign)
-        self._integer = np.array([p.kind == "integer" for p in self.parameters])
-        widths = [len(p.options) or 1 for p in self.parameters]
-        self._first = np.cumsum([0, *widths[:-1]])  # each parameter's first coordinate
-        self.columns = tuple(slice(i, i + w) for i, w in zip(self._first, widths, strict=True))
+        ends = np.cumsum([len(p.coordinates) for p in self.parameters]).tolist()
+        self.columns = tuple(map(slice, [0, *ends], ends))
         """Each parameter's axes of the box."""
-        self._choices = {
-            i: (self.columns[i], _codes(p))
-            for i, p in enumerate(self.parameters)
-            if p.kind == "choice"
-        }
-        self.coordinates = tuple(
-            f"{p.name}={option}" if p.options else p.name
-            for p in self.parameters
-            for option in p.options or (None,)
-        )
+        self.coordinates = tuple(name for p in self.parameters for name in p.coordinates)
         """Names of the box's axes, (d,)."""
 
     @property
@@ -174,10 +219,15 @@ class ParameterSpace:
         Raises:
             ConfigError: If a coordinate is NaN, which no bound would stop.
         """
+        return np.clip(np.concatenate(self._parts(x), axis=-1), -1.0, 1.0)
+
+    def _parts(self, x: np.ndarray) -> list[np.ndarray]:
+        """Return the coordinates of each parameter; refuse NaN."""
+        x = np.asarray(x, dtype=np.float64)
         if (missing := np.isnan(x).reshape(-1, self.dimension).any(axis=0)).any():
             named = ", ".join(np.array(self.coordinates)[missing])
             raise ConfigError(f"expected a number for every parameter, got NaN for {named}")
-        return np.clip(x, -1.0, 1.0)
+        return [x[..., columns] for columns in self.columns]
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """Map `x` (..., d) from the mapped box to physical values (..., p), in `names` order.
@@ -188,20 +238,8 @@ class ParameterSpace:
         Raises:
             ConfigError: If a coordinate is NaN.
         """
-        low, high = self._scaled
-        x = np.asarray(x, dtype=np.float64)
-        inside = self.clip(x)[..., self._first]
-        values = low + (inside + 1.0) * 0.5 * (high - low)
-        values[..., self._log] = self._sign * np.power(10.0, values[..., self._log])
-        if self._integer.any():
-            count = (high - low + 1.0)[self._integer]
-            centre = np.floor((inside[..., self._integer] + 1.0) * 0.5 * count)
-            values[..., self._integer] = low[self._integer] + np.minimum(centre, count - 1.0)
-        values = np.clip(values, self._bounds[0], self._bounds[1])
-        for i, (columns, codes) in self._choices.items():
-            # Not clipped: beyond the box, the larger of two coordinates still decides.
-            values[..., i] = codes[x[..., columns].argmax(axis=-1)]
-        return values
+        parts = zip(self.parameters, self._parts(x), strict=True)
+        return np.stack([p.values(part) for p, part in parts], axis=-1)
 
     def rounded(self, x: np.ndarray) -> np.ndarray:
         """Return a point (..., d) with the values of `x`, the same for all points that share them.
@@ -209,24 +247,16 @@ class ParameterSpace:
         The middle of a whole number's share; 1 for the option chosen and -1 for the others. Real
         parameters stay. For surrogate models: between such points alone does the cost change.
         """
-        inside = self.clip(np.array(x, dtype=np.float64))
-        if not self._choices and not self._integer.any():
-            return inside
-        values = self.values(x)
-        for i, (p, columns) in enumerate(zip(self.parameters, self.columns, strict=True)):
-            if p.kind == "integer":
-                inside[..., columns] = p.centre(values[..., i, None])
-            elif p.kind == "choice":
-                inside[..., columns] = np.where(values[..., i, None] == _codes(p), 1.0, -1.0)
-        return inside
+        parts = zip(self.parameters, self._parts(x), strict=True)
+        return np.concatenate([p.rounded(part) for p, part in parts], axis=-1)
 
     def denormalise(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """Map `x` (..., d) to named physical values, each of shape (...,); options as such."""
         values = self.values(x)
         physical = {name: values[..., i] for i, name in enumerate(self.names)}
-        for i, p in enumerate(self.parameters):
-            if not p.numeric:
-                physical[p.name] = np.array(p.options, dtype=object)[values[..., i].astype(int)]
+        for p in self.parameters:
+            if p.options and not all(map(is_number, p.options)):
+                physical[p.name] = np.array(p.options, dtype=object)[physical[p.name].astype(int)]
         return physical
 
     def named(self, x: np.ndarray) -> dict[str, Any]:
@@ -249,50 +279,7 @@ class ParameterSpace:
                 f"no value for parameter(s) {', '.join(missing)}; values are needed for all of "
                 f"{', '.join(self.names)}"
             )
-        given = (self._numbers(p, parameters[p.name]) for p in self.parameters)
-        values = np.stack(np.broadcast_arrays(*given), axis=-1)
-        for i, p in enumerate(self.parameters):
-            said = f"parameter {p.name!r}: {parameters[p.name]}"
-            if not np.all((values[..., i] >= p.low) & (values[..., i] <= p.high) | bool(p.options)):
-                raise ConfigError(f"{said} lies outside [{p.low}, {p.high}] {p.unit}".rstrip())
-            if p.kind == "integer" and np.any(values[..., i] % 1.0):
-                raise ConfigError(f"{said} is not a whole number")
-        codes = values.copy()
-        values[..., self._log] = np.log10(values[..., self._log] * self._sign)
-        low, high = self._scaled
-        x = np.clip((values - low) / (high - low) * 2.0 - 1.0, -1.0, 1.0)
-        for i, p in enumerate(self.parameters):
-            if p.kind == "integer":
-                x[..., i] = p.centre(values[..., i])
-        if not self._choices:
-            return x
-        wide = np.repeat(x, [len(p.options) or 1 for p in self.parameters], axis=-1)
-        for i, (columns, options) in self._choices.items():
-            wide[..., columns] = np.where(codes[..., i, None] == options, CHOSEN, -CHOSEN)
-        return wide
-
-    def _numbers(self, p: Parameter, given: Any) -> np.ndarray:
-        """Return given values of a parameter as the numbers that `values` would give."""
-        if p.kind != "choice":
-            try:
-                return np.asarray(given, dtype=np.float64)
-            except (TypeError, ValueError):
-                raise ConfigError(
-                    f"parameter {p.name!r}: expected a number from {p.low} to {p.high}, got "
-                    f"{given!r}"
-                ) from None
-        codes = dict(zip(p.options, _codes(p), strict=True))
-        array = np.array(given, dtype=object)
-        for value in array.reshape(-1):
-            if value not in codes:
-                raise ConfigError(
-                    f"parameter {p.name!r}: unknown option {value!r}; "
-                    f"{suggest(str(value), map(str, p.options))}"
-                )
-        numbers = [codes[v] for v in array.reshape(-1)]
-        return np.array(numbers, dtype=np.float64).reshape(array.shape)
-
-
-def _codes(p: Parameter) -> np.ndarray:
-    """Return the number that stands for each option (K,)."""
-    return np.array(p.options if p.numeric else range(len(p.options)), dtype=np.float64)
+        parts = [p.normalise(parameters[p.name]) for p in self.parameters]
+        shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
+        wide = [np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts]
+        return np.concatenate(wide, axis=-1)

@@ -10,18 +10,21 @@ from typing import IO
 from zoac.core.errors import RunFolderError
 
 
-class HeldError(Exception):
+class HeldError(RunFolderError):
     """Another process holds the lock."""
 
 
 @contextmanager
-def locked(path: Path, wait: bool = False, poll: float = 0.02) -> Iterator[None]:
+def locked(
+    path: Path, wait: bool = False, poll: float = 0.02, held: str = "another process holds it"
+) -> Iterator[None]:
     """Hold the lock on a file, which is made if it is missing.
 
     Args:
         path: The file.
         wait: Until nobody else holds it.
         poll: Seconds between two looks while it waits.
+        held: What is wrong if another process holds it.
 
     Raises:
         HeldError: If another process holds it, unless told to wait.
@@ -30,7 +33,7 @@ def locked(path: Path, wait: bool = False, poll: float = 0.02) -> Iterator[None]
     with open(path, "a+") as file:
         while not _acquired(file):
             if not wait:
-                raise HeldError(str(path))
+                raise HeldError(f"{path.parent}: {held}")
             time.sleep(poll)
         yield
 

@@ -17,7 +17,11 @@ from zoac.specs.signals import Episode
 
 
 class RunLog:
-    """Writer of one run folder, which also passes every row on to the loggers."""
+    """Writer of one run folder, which also passes every row on to the loggers.
+
+    Where the system refuses to write, each method raises `RunFolderError`; what was written before
+    is then untouched.
+    """
 
     def __init__(
         self, folder: Path, run: Mapping[str, Any], loggers: Sequence[Logger] = ()
@@ -41,11 +45,7 @@ class RunLog:
     def row(
         self, kind: str, stamp: Mapping[str, Any], numbers: Mapping[str, Any]
     ) -> dict[str, Any]:
-        """Append one row and pass it on; return it as it will be read.
-
-        Raises:
-            RunFolderError: If it cannot be written.
-        """
+        """Append one row and pass it on; return it as it will be read."""
         row = {"kind": kind, **stamp, **numbers}
         line = schema.json_line(row)
         left = memoryview(line.encode())
@@ -95,11 +95,7 @@ class RunLog:
             self._forward("resume", self.rows(), optional=True)
 
     def save_checkpoint(self, state: Any) -> None:
-        """Write a checkpoint of this run; rows so far are on the disk before it is.
-
-        Raises:
-            RunFolderError: If it cannot be written; the earlier ones are then untouched.
-        """
+        """Write a checkpoint of this run; rows so far are on the disk before it is."""
         with _writing(self.folder / schema.CHECKPOINTS):
             os.fsync(self._file.fileno())
             checkpoint.save(self.folder / schema.CHECKPOINTS, state)
@@ -119,10 +115,8 @@ class RunLog:
         self._file.close()
 
     def _forward(self, verb: str, content: Any, optional: bool = False) -> None:
-        """Call a method of every logger; one without an optional method is left alone."""
-        for logger in list(self._loggers):
-            if optional and not hasattr(logger, verb):
-                continue
+        """Call a method of every logger, or of those that have it."""
+        for logger in [x for x in self._loggers if hasattr(x, verb) or not optional]:
             try:
                 getattr(logger, verb)(content)
             except Exception as error:  # a logger must not end a run, whatever it raises

@@ -30,18 +30,16 @@ def here_and_now() -> dict[str, Any]:
 
 def differences(earlier: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """Return what differs between two `run.json` in what a run's bits depend on."""
-    then, here = _origin(earlier), _origin(now)
+    then, here = (
+        {**record["versions"], "processor": record["machine"]["processor"],
+         "commit": record["commit"]}
+        for record in (earlier, now)
+    )  # fmt: skip
     return [
         f"{name} {here.get(name)}, at first {then.get(name)}"
         for name in {**then, **here}
         if then.get(name) != here.get(name)
     ]
-
-
-def _origin(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a run's bits depend on besides its configuration, from its `run.json`."""
-    processor = record["machine"]["processor"]
-    return {**record["versions"], "processor": processor, "commit": record["commit"]}
 
 
 def _processor() -> str:

@@ -114,10 +114,6 @@ def plot(folder: Path, record: Mapping[str, Any]) -> Figure:
 
     Its title says which final episode is shown. Of loops side by side the worst is.
 
-    Args:
-        folder: The run folder.
-        record: The content of its `result.json`.
-
     Raises:
         ConfigError: If Matplotlib is not installed.
         RunFolderError: If the run has no signals.
@@ -140,11 +136,9 @@ def plot(folder: Path, record: Mapping[str, Any]) -> Figure:
     panels[-1].set_xlabel("Time [s]" if signals.get("sample_time") else "Step")
     handles: dict[str, Any] = {}
     for axes in panels:
-        lines, labels = axes.get_legend_handles_labels()
-        handles |= dict(zip(labels, lines, strict=True))
-    figure.legend(
-        list(handles.values()), list(handles), loc="outside upper center", ncols=4, frameon=False
-    )
+        handles |= {line.get_label(): line for line in axes.get_legend_handles_labels()[0]}
+    figure.legend(handles=list(handles.values()), loc="outside upper center", ncols=4,
+                  frameon=False)  # fmt: skip
     return figure
 
 

@@ -15,7 +15,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -132,11 +132,7 @@ def read_run(folder: Path) -> dict[str, Any]:
     Raises:
         RunFolderError: If it is missing, damaged, incomplete or of another format.
     """
-    path = Path(folder) / RUN
-    run = _read_json(path)
-    if missing := [key for key in OF_EVERY_RUN if key not in run]:
-        raise RunFolderError(f"{path}: a record without {', '.join(missing)}; zoac writes all")
-    return run
+    return _read_json(Path(folder) / RUN, OF_EVERY_RUN)
 
 
 def read_result(folder: Path) -> dict[str, Any]:
@@ -146,16 +142,13 @@ def read_result(folder: Path) -> dict[str, Any]:
         RunFolderError: If it is missing (the run is not finished), damaged, of another format or
             of another run than `run.json`.
     """
-    path = Path(folder) / RESULT
-    result, run = _read_json(path), read_run(folder)
+    result, run = _read_json(Path(folder) / RESULT, OF_EVERY_RESULT), read_run(folder)
     for key in IDENTITY:
         if result.get(key) != run[key]:
             raise RunFolderError(
                 f"{folder}: {RUN} and {RESULT} disagree on {key}: {run[key]!r} and "
                 f"{result.get(key)!r}"
             )
-    if missing := [key for key in OF_EVERY_RESULT if key not in result]:
-        raise RunFolderError(f"{path}: a record without {', '.join(missing)}; zoac writes all")
     return {k: _numbers(v) if k in _COSTS else v for k, v in result.items()}
 
 
@@ -174,7 +167,7 @@ def is_done(folder: Path) -> bool:
     return (Path(folder) / RESULT).is_file()
 
 
-def _read_json(path: Path) -> dict[str, Any]:
+def _read_json(path: Path, keys: Sequence[str]) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -185,6 +178,8 @@ def _read_json(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         found = content.get("format") if isinstance(content, dict) else None
         raise RunFolderError(f"{path}: format {found!r}, expected {FORMAT}")
+    if missing := [key for key in keys if key not in content]:
+        raise RunFolderError(f"{path}: a record without {', '.join(missing)}; zoac writes all")
     return content
 
 

@@ -16,14 +16,13 @@ from typing import Any
 from zoac.core.errors import (
     ConfigError,
     Interrupted,
-    RunFolderError,
     StudyError,
     StudyFinished,
     TrialsPending,
     as_text,
     suggest,
 )
-from zoac.runs.lock import HeldError, locked
+from zoac.runs.lock import locked
 from zoac.runs.loggers.summary import acceptance_line, shown
 from zoac.runs.result import Result, result_of
 from zoac.runs.schema import read_result
@@ -67,10 +66,8 @@ def tune_cost(
     where = study.folder
     again = "the same call" if folder else f"the same call with folder={str(where)!r}"
     try:
-        with locked(where / CARRIED_OUT):
+        with locked(where / CARRIED_OUT, held="another process carries out this study"):
             carry_out(study, cost, quiet=quiet)
-    except HeldError:
-        raise RunFolderError(f"{where}: another process carries out this study") from None
     except KeyboardInterrupt:
         raise _interrupted(study, again) from None
     best = study.best  # says that none has succeeded

@@ -11,7 +11,8 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from zoac.runs.loggers.console import MAX_PARAMETERS, Console
+from zoac.runs.loggers.console import Console
+from zoac.runs.loggers.summary import MAX_PARAMETERS
 
 RUN = {
     "task": "tank",

@@ -9,9 +9,11 @@ from tests.runs.training.ziegler_nichols import PI, SPACE, STEPS, Plant
 from tests.support import CountingTask
 from zoac.analysis import report
 from zoac.analysis.data.load import load
+from zoac.config.compose import compose_config, resolved
 from zoac.core.parameters import Parameter
 from zoac.runs.schema import read_metrics, read_result
 from zoac.runs.training.answer_checks import warnings
+from zoac.runs.training.lifecycle import run_session
 
 
 def result_of(costs, **more):
@@ -129,16 +131,16 @@ def test_few_held_out_episodes_are_told_where_the_answer_breaks_specs(episodes, 
     assert any("Only 2 held-out" in sentence for sentence in warnings(result, [])) == told
 
 
-def tune(tuner, seed, budget, **options):
+def tune(tuner, seed, budget=4000, **options):
     return zoac.tune(
         env=Plant, controller=PI(), space=SPACE, max_episode_steps=STEPS, tuner=tuner, seed=seed,
-        budget=budget, quiet=True, **options,
+        budget=budget, quiet=True, eval_every=2000, episodes=4, final_episodes=10, **options,
     )  # fmt: skip
 
 
 def test_from_ziegler_nichols_gains_the_published_method_may_get_worse_and_says_so(tmp_path):
     """As published its answer is the last iterate, here at more than twice the cost."""
-    result = tune("zoac", 0, 12_000, folder=tmp_path / "run")
+    result = tune("zoac", 0, folder=tmp_path / "run")
     assert result.cost_mean > 1.5 * result.baseline_cost_mean
     worse, earlier = result.warnings
     assert worse.startswith("The answer is worse than the baseline values: cost 2.1")
@@ -160,38 +162,23 @@ def test_from_ziegler_nichols_gains_zoac_plus_returns_nothing_worse():
 
 
 def test_the_best_evaluated_recommendation_can_be_the_answer_of_any_tuner():
-    result = tune("zoac", 0, 12_000, select="best_evaluated")
+    result = tune("zoac", 0, select="best_evaluated")
     assert result.cost_mean <= result.baseline_cost_mean
     assert result.warnings == []
 
 
-def test_the_command_lines_results_say_what_the_start_values_cost(run_in):
-    result = run_in("task=pendulum", "tuner=random", "budget=400", "evaluation.final_episodes=2")
+def test_results_and_first_evaluations_of_the_command_line_say_what_the_baseline_costs(tmp_path):
+    options = ("task=pendulum", "tuner=random", "budget=400", "evaluation.episodes=2",
+               "evaluation.final_episodes=2", f"runs_dir={tmp_path}")  # fmt: skip
+    result = run_session(resolved(compose_config(options)), "pendulum", "random", [])
     assert result["baseline_cost_mean"] == result["baseline"]["cost_mean"]
     assert len(result["baseline"]["cost_per_episode"]) == 2
     assert "warnings" in result
-
-
-def test_the_first_evaluation_says_what_the_baseline_values_cost_on_its_episodes(run_in, tmp_path):
-    told = ("task=pendulum", "budget=400", "evaluation.episodes=2", "evaluation.final_episodes=2")
-    result = run_in(*told, "tuner=random")
     (folder,) = (file.parent for file in tmp_path.rglob("metrics.jsonl"))
     first, *others = (r for r in read_metrics(folder) if r["kind"] == "eval")
     assert first["baseline_cost_mean"] == result["baseline_cost_mean"]  # the same two episodes
     assert first["baseline_cost_mean"] != first["cost_mean"]
     assert not any("baseline_cost_mean" in row for row in others)
-
-
-@pytest.fixture
-def run_in(tmp_path):
-    from zoac.config.compose import compose_config, resolved
-    from zoac.runs.training.lifecycle import run_session
-
-    def run(*overrides):
-        config = resolved(compose_config([*overrides, f"runs_dir={tmp_path}"]))
-        return run_session(config, "pendulum", "random", [])
-
-    return run
 
 
 class Regularised(CountingTask):

@@ -7,14 +7,14 @@ import pytest
 
 import zoac
 from tests.run.test_api import tune as tune_briefly
-from tests.runs.training.test_trainer import numbers
+from tests.runs.training.test_trainer import numbers, same_rows
 from zoac.core.errors import CallbackError, ConfigError
 from zoac.runs import checkpoint
 
 
 def tune(**options):
     """Iterations of 40 steps."""
-    return tune_briefly(**{"tuner": "random", "budget": 2000, **options})
+    return tune_briefly(**{"tuner": "random", "budget": 1000, **options})
 
 
 class Told(zoac.Callback):
@@ -86,14 +86,13 @@ def test_it_changes_no_number_and_no_other_callbacks_row(tmp_path):
     assert all(row and row.get("parameters", True) for _, row in rows)
     assert written["parameters"] == followed.record["parameters"] == alone.record["parameters"]
     assert followed.parameters == alone.parameters
-    for kind in ("train", "eval"):
-        assert numbers(tmp_path / "followed", kind) == numbers(tmp_path / "alone", kind)
+    assert same_rows(tmp_path / "followed", tmp_path / "alone")
 
 
 def test_false_of_numpy_ends_the_run_and_other_answers_do_not():
     def stopped(answer):
         follower = type("Follower", (zoac.Callback,), {"on_iteration": lambda self, row: answer})
-        return "stopped_by" in tune(callbacks=[follower()]).record
+        return "stopped_by" in tune(callbacks=[follower()], budget=80).record
 
     assert stopped(np.False_)
     assert not any(map(stopped, (None, 0, 0.0, "", [])))
@@ -130,12 +129,10 @@ def test_an_interrupted_run_stops_at_the_same_bits(iterations, options, tmp_path
     resumed = tune(callbacks=[told := Told(), After(5)], **parts)
     assert resumed.parameters == whole.parameters
     assert resumed.cost_per_episode == whole.cost_per_episode
-    for kind in ("train", "eval"):
-        assert numbers(tmp_path / "parts", kind) == numbers(tmp_path / "whole", kind)
+    assert same_rows(tmp_path / "parts", tmp_path / "whole")
     if told.calls:  # what was there before the interruption is told again
-        assert sum(kind == "train" for kind, _ in told.calls) == len(
-            numbers(tmp_path / "whole", "train")
-        )
+        again = [kind for kind, _ in told.calls if kind == "train"]
+        assert len(again) == len(numbers(tmp_path / "whole", "train"))
 
 
 def test_an_early_stop_leaves_the_acceptance_test_its_steps(tmp_path):
@@ -155,7 +152,7 @@ def test_an_early_stop_leaves_the_acceptance_test_its_steps(tmp_path):
 
 @pytest.mark.parametrize(("iterations", "selected"), [(2, False), (9, True)])
 def test_zoac_plus_stops_in_successive_halving_or_with_its_final_selection(iterations, selected):
-    result = tune(callbacks=[After(iterations)], tuner="zoac_plus")
+    result = tune(callbacks=[After(iterations)], tuner="zoac_plus", budget=2000)
     assert result.env_steps < 1900
     assert (result.record.get("select", {}).get("episodes", 0) > 0) == selected
 

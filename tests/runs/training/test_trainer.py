@@ -1,4 +1,5 @@
 import json
+import shutil
 import time
 from types import SimpleNamespace
 
@@ -58,15 +59,25 @@ def numbers(folder, kind):
     return [{k: v for k, v in row.items() if not k.endswith("_seconds")} for row in rows]
 
 
-def test_budget_is_exceeded_by_less_than_one_batch(tmp_path):
-    result = train(tmp_path)
+def same_rows(one, other):
+    """Tell whether two folders have the same numbers."""
+    return all(numbers(one, kind) == numbers(other, kind) for kind in ("train", "eval"))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A run that nothing disturbs: its folder and its result."""
+    folder = tmp_path_factory.mktemp("whole")
+    return SimpleNamespace(folder=folder, result=train(folder))
+
+
+def test_budget_is_exceeded_by_less_than_one_batch(whole):
     batch = 3 * 2 * 3  # environments, segments, steps
-    assert 200 <= result["env_steps"] < 200 + batch
+    assert 200 <= whole.result["env_steps"] < 200 + batch
 
 
-def test_evaluation_happens_at_the_start_every_so_often_and_at_the_end(tmp_path):
-    train(tmp_path)
-    rows = numbers(tmp_path, "eval")
+def test_evaluation_happens_at_the_start_every_so_often_and_at_the_end(whole):
+    rows = numbers(whole.folder, "eval")
     steps = [row["env_steps"] for row in rows]
     assert steps[0] == 0
     assert [s // 50 for s in steps] == [0, 1, 2, 3, 4]
@@ -74,10 +85,8 @@ def test_evaluation_happens_at_the_start_every_so_often_and_at_the_end(tmp_path)
     assert [len(row["cost_per_episode"]) for row in rows] == [2, 2, 2, 2, 3]
 
 
-def test_evaluation_does_not_change_the_tuning(tmp_path):
-    often = train(tmp_path / "often", eval_every=10)
-    rarely = train(tmp_path / "rarely", eval_every=1000)
-    assert often["x"] == rarely["x"]
+def test_evaluation_does_not_change_the_tuning(tmp_path, whole):
+    assert train(tmp_path, eval_every=10)["x"] == whole.result["x"]
 
 
 def test_evaluation_episodes_do_not_depend_on_the_runs_seed(tmp_path):
@@ -90,21 +99,17 @@ def test_evaluation_episodes_do_not_depend_on_the_runs_seed(tmp_path):
     assert spreads[0] == pytest.approx(spreads[1])
 
 
-def test_seed_twins_are_equal_to_the_last_bit(tmp_path):
-    one, two = train(tmp_path / "1"), train(tmp_path / "2")
-    assert one["x"] == two["x"]
-    assert numbers(tmp_path / "1", "train") == numbers(tmp_path / "2", "train")
-    assert train(tmp_path / "3", seed=1)["x"] != one["x"]
+def test_seed_twins_are_equal_to_the_last_bit(tmp_path, whole):
+    assert train(tmp_path / "twin")["x"] == whole.result["x"]
+    assert same_rows(tmp_path / "twin", whole.folder)
+    assert train(tmp_path / "other", seed=1)["x"] != whole.result["x"]
 
 
 @pytest.mark.parametrize("stop_after", [1, 4])
-def test_a_stopped_run_continues_bit_for_bit(tmp_path, stop_after):
-    whole = train(tmp_path / "whole")
-    stopped(tmp_path / "parts", stop_after)
-    resumed = train(tmp_path / "parts")
-    assert resumed["x"] == whole["x"]
-    for kind in ("train", "eval"):
-        assert numbers(tmp_path / "parts", kind) == numbers(tmp_path / "whole", kind)
+def test_a_stopped_run_continues_bit_for_bit(tmp_path, stop_after, whole):
+    stopped(tmp_path, stop_after)
+    assert train(tmp_path)["x"] == whole.result["x"]
+    assert same_rows(tmp_path, whole.folder)
 
 
 class _Renamed(Zoac):
@@ -112,10 +117,22 @@ class _Renamed(Zoac):
         raise KeyError("what an older version called otherwise")
 
 
-def test_a_tuners_state_that_does_not_fit_is_refused(tmp_path):
-    stopped(tmp_path, 2)
+@pytest.fixture(scope="module")
+def after_three(tmp_path_factory):
+    """The folder of a run that was stopped after three iterations."""
+    stopped(folder := tmp_path_factory.mktemp("stopped"), 2)
+    return folder
+
+
+@pytest.fixture
+def folder(after_three, tmp_path):
+    """A copy of that."""
+    return shutil.copytree(after_three, tmp_path / "run")
+
+
+def test_a_tuners_state_that_does_not_fit_is_refused(folder):
     with pytest.raises(RunFolderError, match="tuner's state.*KeyError.*resume=overwrite"):
-        train(tmp_path, tuner=_Renamed)
+        train(folder, tuner=_Renamed)
 
 
 FOREIGN = [
@@ -134,22 +151,19 @@ FOREIGN = [
 
 
 @pytest.mark.parametrize(("change", "told"), FOREIGN)
-def test_a_checkpoint_with_other_keys_is_refused_and_the_keys_are_named(tmp_path, change, told):
-    stopped(tmp_path, 2)
-    state, _ = checkpoint.load(tmp_path / "checkpoint")
+def test_a_checkpoint_with_other_keys_is_refused_and_the_keys_are_named(folder, change, told):
+    state, _ = checkpoint.load(folder / "checkpoint")
     change(state)
-    checkpoint.save(tmp_path / "checkpoint", state)
+    checkpoint.save(folder / "checkpoint", state)
     with pytest.raises(RunFolderError, match=f"{told}.*resume=overwrite"):
-        train(tmp_path)
+        train(folder)
 
 
-def test_rows_after_the_last_checkpoint_are_not_doubled(tmp_path):
-    train(tmp_path / "whole")
-    stopped(tmp_path / "killed", 2)
-    with open(tmp_path / "killed" / "metrics.jsonl", "a") as file:
+def test_rows_after_the_last_checkpoint_are_not_doubled(folder, whole):
+    with open(folder / "metrics.jsonl", "a") as file:
         file.write('{"kind": "train", "env_steps": 9')  # what a kill leaves behind
-    train(tmp_path / "killed")
-    assert numbers(tmp_path / "killed", "train") == numbers(tmp_path / "whole", "train")
+    train(folder)
+    assert numbers(folder, "train") == numbers(whole.folder, "train")
 
 
 def test_a_logger_that_fails_does_not_end_the_run(tmp_path, capsys):
@@ -164,19 +178,15 @@ def test_a_logger_that_fails_does_not_end_the_run(tmp_path, capsys):
     assert json.loads((tmp_path / "metrics.jsonl").read_text()) == {"kind": "train", "x": 1.5}
 
 
-@pytest.mark.parametrize("workers", [1, 3])
-def test_processes_give_the_bits_of_serial(tmp_path, workers):
-    serial = train(tmp_path / "serial")
-    spread = train(tmp_path / "spread", executor=Process(workers=workers))
-    assert spread["x"] == serial["x"]
-    for kind in ("train", "eval"):
-        assert numbers(tmp_path / "spread", kind) == numbers(tmp_path / "serial", kind)
+def test_processes_give_the_bits_of_serial(tmp_path, whole):
+    spread = train(tmp_path, executor=Process(workers=2))
+    assert spread["x"] == whole.result["x"]
+    assert same_rows(tmp_path, whole.folder)
 
 
-def test_a_run_begun_in_processes_goes_on_in_serial(tmp_path):
-    whole = train(tmp_path / "whole")
-    stopped(tmp_path / "parts", 3, executor=Process(workers=2))
-    assert train(tmp_path / "parts")["x"] == whole["x"]
+def test_a_run_begun_in_processes_goes_on_in_serial(tmp_path, whole):
+    stopped(tmp_path, 3, executor=Process(workers=2))
+    assert train(tmp_path)["x"] == whole.result["x"]
 
 
 class _Busy(Zoac):

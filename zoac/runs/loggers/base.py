@@ -15,15 +15,12 @@ class Logger(Protocol):
 
     def start(self, run: Mapping[str, Any]) -> None:
         """Take the content of `run.json`."""
-        ...
 
     def row(self, row: Mapping[str, Any]) -> None:
         """Take one row of `metrics.jsonl`."""
-        ...
 
     def finish(self, result: Mapping[str, Any]) -> None:
         """Take the content of `result.json`."""
-        ...
 
 
 def numbers(row: Mapping[str, Any]) -> dict[str, float]:

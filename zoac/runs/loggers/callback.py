@@ -43,11 +43,8 @@ class Callbacks:
 
     def __init__(self, callbacks: Sequence[Callback] = ()) -> None:
         """
-        Args:
-            callbacks: Called in this order.
-
         Raises:
-            ConfigError: If something in it is no `Callback`.
+            ConfigError: If something in `callbacks` is no `Callback`.
         """
         self.stopped_by: str | None = None
         """Class of the first callback that returned False."""

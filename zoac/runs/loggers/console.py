@@ -14,7 +14,6 @@ import numpy as np
 from tqdm import tqdm
 
 from zoac.runs.loggers import summary
-from zoac.runs.loggers.summary import MAX_PARAMETERS
 from zoac.specs.verdict import lines, restored
 
 WIDTH = 80
@@ -46,9 +45,8 @@ class Console:
     ) -> None:
         """
         Args:
-            budget: Environment steps.
-            folder: The run folder, to be named at the end.
-            stream: Where to; None: standard output, if there is one.
+            folder: To be named at the end.
+            stream: None: standard output, if there is one.
             brief: Print nothing but the line that moves: a sweep prints one line about each run.
             live: Whether a line may move; False if other processes write to the same stream.
         """
@@ -58,8 +56,7 @@ class Console:
         self._live = live and (self._stream.isatty() or _is_notebook())
         self._bar: tqdm[Any] | None = None
         self._name = ""
-        self._units: dict[str, str] = {}
-        self._before: Mapping[str, Any] = {}
+        self._run: Mapping[str, Any] = {}
         self._first: tuple[float, int] | None = None
         self._best = np.inf
         self._baseline: float | None = None
@@ -69,8 +66,7 @@ class Console:
     def start(self, run: Mapping[str, Any]) -> None:
         """Print what runs, and the tuner's choices that a comparison must show."""
         variant = f" {run['variant']}" if run["variant"] else ""
-        self._units = {p["name"]: p["unit"] for p in run.get("parameters", [])}
-        self._before = run.get("nominal") or {}
+        self._run = run
         told = f", minimising {run['objective']}" if run.get("objective") else ""
         self._name = f"{run['task']} {run['tuner']} seed={run['seed']}"
         self._say(f"{self._name}{variant}: {self._budget:,} steps{told}")
@@ -117,14 +113,9 @@ class Console:
         if self._bar is not None:
             self._bar.close()
             self._bar = None
-        parameters = result["parameters"]
-        for name, value in list(parameters.items())[:MAX_PARAMETERS]:
-            told = f"  {name} = {summary.shown(value)} {self._units.get(name, '')}".rstrip()
-            if name in self._before:
-                told += f", baseline {summary.shown(self._before[name])}"
-            self._print(told)
-        if (more := len(parameters) - MAX_PARAMETERS) > 0:
-            self._print(f"  and {more} more in result.json")
+        for name, before, value, unit in summary.parameter_rows(result, self._run):
+            told = f"  {name} = {value} {unit}" if value else f"  {name}"
+            self._print(told.rstrip() + (f", baseline {before}" if before else ""))
         for line in summary.cost_lines(result):
             self._say(f"  {line}")
         if (test := result.get("acceptance_test")) is not None:
@@ -154,36 +145,31 @@ class Console:
 
     def _figures(self, bar: tqdm[Any]) -> str:
         """Return the figures that fit beside the bar, the most important ones first."""
-        last = self._last
         figures = {
             "best": f"{self._best:.4g}",
             "baseline": "" if self._baseline is None else f"{self._baseline:.4g}",
             "failed": str(self._failures or ""),
-            "terminated": str(last["terminations"] or ""),
-            "cost": f"{last['cost_mean']:.4g}",
+            "terminated": str(self._last["terminations"] or ""),
+            "cost": f"{self._last['cost_mean']:.4g}",
         }
         meter = {**bar.format_dict, "bar_format": BAR.replace("{bar}", ""), "postfix": ""}
-        room = np.inf
-        if meter["ncols"] is not None:
-            room = meter["ncols"] - len(bar.format_meter(**meter)) - MIN_BAR
-        told: list[str] = []
+        room = (meter["ncols"] or np.inf) - len(bar.format_meter(**meter)) - MIN_BAR
+        told = ""
         for name, number in figures.items():
-            figure = f"{name}={number}"
-            if number and len(figure) + 2 <= room:  # with the comma before it
-                told.append(figure)
-                room -= len(figure) + 2
-        return ", ".join(told)
+            figure = f", {name}={number}"
+            if number and len(told + figure) <= room:
+                told += figure
+        return told.removeprefix(", ")
 
     def _progress(self, row: Mapping[str, Any]) -> str:
         """Return steps, time so far and time left, from the rate since this process began."""
         assert self._first is not None
         wall, steps = row["wall_seconds"], row["env_steps"]
         done = steps - self._first[1]
-        left = ""
+        told = f"{steps:>9,} steps | {_clock(wall)}"
         if done > 0 and steps < self._budget:
-            seconds = (wall - self._first[0]) / done * (self._budget - steps)
-            left = f", {_clock(seconds)} left"
-        return f"{steps:>9,} steps | {_clock(wall)}{left}"
+            told += f", {_clock((wall - self._first[0]) / done * (self._budget - steps))} left"
+        return told
 
     def _say(self, text: str) -> None:
         for line in textwrap.wrap(

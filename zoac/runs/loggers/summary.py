@@ -38,16 +38,16 @@ def cost_lines(result: Mapping[str, Any]) -> Iterator[str]:
     if not np.isfinite(mean) or mean == 0:
         return
     by = _with_half(abs(mean), half)
-    interval = "± is a 95% interval" if half > 0 else ""
+    interval = "± is a 95% interval"
     if abs(mean) <= half:
         side = "lower" if mean < 0 else "higher"
         yield f"no clear difference from the baseline values: {side} by {by} ({interval})"
-    else:
-        share = abs(mean / _numbers(baseline).mean())
-        notes = [f"{share:.0%}" if share < MAX_SHARE else "", interval]
-        told = ", ".join(filter(None, notes))
-        side = "better" if mean < 0 else "worse"
-        yield f"{side} than the baseline values by {by}" + (f" ({told})" if told else "")
+        return
+    share = abs(mean / _numbers(baseline).mean())
+    notes = [f"{share:.0%}" if share < MAX_SHARE else "", interval if half > 0 else ""]
+    told = ", ".join(filter(None, notes))
+    side = "better" if mean < 0 else "worse"
+    yield f"{side} than the baseline values by {by}" + (f" ({told})" if told else "")
 
 
 def acceptance_line(test: Mapping[str, Any]) -> str:
@@ -75,7 +75,7 @@ def as_html(result: Mapping[str, Any], run: Mapping[str, Any], fixed: Mapping[st
         run: The content of `run.json`.
         fixed: Parameters that were not tuned.
     """
-    rows = [("", "baseline", "tuned", ""), *_parameter_rows(result, run)]
+    rows = [("", "baseline", "tuned", ""), *parameter_rows(result, run)]
     baseline = (result.get("baseline") or {}).get("cost_per_episode")
     before = "" if baseline is None else with_interval(baseline)
     episodes = f"{len(result['cost_per_episode'])} episodes"
@@ -95,16 +95,17 @@ def as_html(result: Mapping[str, Any], run: Mapping[str, Any], fixed: Mapping[st
     return f"<table>{''.join(lines)}</table>{paragraphs}"
 
 
-def _parameter_rows(
+def parameter_rows(
     result: Mapping[str, Any], run: Mapping[str, Any]
 ) -> Iterator[tuple[str, str, str, str]]:
+    """Yield name, baseline value, tuned value and unit of each parameter that is shown."""
     before = run.get("nominal") or {}
     units = {p["name"]: p["unit"] for p in run.get("parameters", [])}
     parameters = result["parameters"]
     for name, value in list(parameters.items())[:MAX_PARAMETERS]:
         yield name, shown(before.get(name)), shown(value), units.get(name, "")
     if (more := len(parameters) - MAX_PARAMETERS) > 0:
-        yield f"and {more} more", "", "", ""
+        yield f"and {more} more in result.json", "", "", ""
 
 
 def shown(value: Any) -> str:

@@ -31,27 +31,19 @@ def warnings(
         parameters: What was tuned.
     """
     return [
-        *_of_the_cost(result),
         *_of_failures(result),
         *_of_the_start(result),
-        *_of_constraints(result),
-        *(unmet := _of_specs(result)),
-        *(_of_ranges(result["parameters"], parameters) if unmet else []),
-        *_of_held_specs(result),
+        *_of_requirements(result, parameters),
         *_of_evaluations(result, evaluations),
         *_of_the_acceptance_test(result),
     ]
 
 
-def _of_the_cost(result: Mapping[str, Any]) -> Iterator[str]:
-    finite = np.isfinite(np.asarray(result["cost_per_episode"]))
-    if not finite.all():
-        yield f"The cost is not finite in {(~finite).sum()} of {len(finite)} final episodes."
-
-
 def _of_failures(result: Mapping[str, Any]) -> Iterator[str]:
-    failed, episodes = result.get("failed_episodes"), len(result["cost_per_episode"])
-    if failed is not None:
+    episodes = len(result["cost_per_episode"])
+    if bad := episodes - np.isfinite(result["cost_per_episode"]).sum():
+        yield f"The cost is not finite in {bad} of {episodes} final episodes."
+    if failed := result.get("failed_episodes"):
         yield (
             f"The answer failed in {failed['count']} of {episodes} final episodes. The first: "
             f"{failed['first']}"
@@ -62,69 +54,53 @@ def _of_the_start(result: Mapping[str, Any]) -> Iterator[str]:
     start = result.get("baseline")
     if start is None:
         return
-    costs, episodes = result["cost_per_episode"], len(result["cost_per_episode"])
+    costs, before = (np.array(row["cost_per_episode"]) for row in (result, start))
     # Feasibility first: a baseline that breaks more requirements is not better, however cheap.
     safer = result.get("violations", 0) < start.get("violations", 0)
-    if not safer and clearly_higher(np.array(costs), np.array(start["cost_per_episode"])):
+    if not safer and clearly_higher(costs, before):
         yield (
             f"The answer is worse than the baseline values: cost {result['cost_mean']:.4g} instead "
-            f"of {start['cost_mean']:.4g} on the same {episodes} final episodes."
+            f"of {start['cost_mean']:.4g} on the same {len(costs)} final episodes."
         )
-    for what, count, before in (
-        ("terminates", result["terminations"], start["terminations"]),
-        (_requirement(result), result.get("violations", 0), start.get("violations", 0)),
-    ):
-        if count > before:
+    kinds = {"by_spec": "a hard spec", "violations_by_constraint": "a constraint"}
+    requirement = " or ".join(kind for key, kind in kinds.items() if key in result)
+    for what, key in (("terminates", "terminations"), (f"breaks {requirement}", "violations")):
+        if result.get(key, 0) > start.get(key, 0):
             yield (
-                f"The answer {what} more often than the baseline values: in {count} of {episodes} "
-                f"final episodes instead of {before}."
+                f"The answer {what} more often than the baseline values: in {result[key]} of "
+                f"{len(costs)} final episodes instead of {start.get(key, 0)}."
             )
 
 
-def _requirement(result: Mapping[str, Any]) -> str:
-    """Return what `violations` counts."""
-    kinds = {"by_spec": "a hard spec", "violations_by_constraint": "a constraint"}
-    told = [kind for key, kind in kinds.items() if key in result]
-    return f"breaks {' or '.join(told)}"
-
-
-def _of_constraints(result: Mapping[str, Any]) -> list[str]:
+def _of_requirements(result: Mapping[str, Any], parameters: Sequence[Parameter]) -> Iterator[str]:
     episodes = len(result["cost_per_episode"])
-    return [
-        f"The constraint {name} is broken in {broken['episodes']} of {episodes} final episodes."
-        for name, broken in result.get("violations_by_constraint", {}).items()
-        if broken["episodes"]
-    ]
-
-
-def _of_specs(result: Mapping[str, Any]) -> list[str]:
-    episodes = len(result["cost_per_episode"])
-    return [
-        f"{OF_A_SPEC} {row['spec']} {row['limit']} is not met: {row['value']:.4g}, broken in "
-        f"{row['broken']} of {episodes} final episodes."
-        for row in result.get("specs", [])
-        if row["met"] is False
-    ]
-
-
-def _of_held_specs(result: Mapping[str, Any]) -> Iterator[str]:
+    for name, broken in result.get("violations_by_constraint", {}).items():
+        if broken["episodes"]:
+            yield (
+                f"The constraint {name} is broken in {broken['episodes']} of {episodes} final "
+                "episodes."
+            )
+    unmet = [row for row in result.get("specs", []) if row["met"] is False]
+    for row in unmet:
+        yield (
+            f"{OF_A_SPEC} {row['spec']} {row['limit']} is not met: {row['value']:.4g}, broken in "
+            f"{row['broken']} of {episodes} final episodes."
+        )
+    for p in parameters if unmet else ():
+        value = result["parameters"][p.name]
+        if (p.kind, p.scale) == ("real", "linear") and not (
+            EDGE <= (value - p.low) / (p.high - p.low) <= 1.0 - EDGE
+        ):
+            yield (
+                f"{p.name}={value:.4g} lies at the edge of its range {p.low:g} to {p.high:g}, "
+                "where small changes are hard to find: give a range around it, or a log scale."
+            )
     held = result.get("held_specs")
     if held is not None and held["episodes"] < MIN_EPISODES and result.get("violations", 0):
         yield (
             f"Only {held['episodes']} held-out episode(s) chose among answers by the hard specs, "
             "where luck decides: give more experiments."
         )
-
-
-def _of_ranges(values: Mapping[str, Any], parameters: Sequence[Parameter]) -> list[str]:
-    """Say, where a spec is not met, which values the search may have been too coarse for."""
-    return [
-        f"{p.name}={values[p.name]:.4g} lies at the edge of its range {p.low:g} to {p.high:g}, "
-        "where small changes are hard to find: give a range around it, or a log scale."
-        for p in parameters
-        if p.kind == "real" and p.scale == "linear"
-        if not EDGE <= (values[p.name] - p.low) / (p.high - p.low) <= 1.0 - EDGE
-    ]
 
 
 def _of_evaluations(

@@ -26,6 +26,7 @@ class Evaluator:
     ) -> None:
         self._task, self._tuner, self._executor = task, tuner, executor
         self._settings, self._progress = settings, progress
+        self._background_update = progress.timed("tuner_seconds")(tuner.background_update)
         self._baseline = None if task.baseline is None else task.space.normalise(task.baseline)
         self._last_finite = np.zeros(task.space.dimension)  # recommendation
         self._responses: dict[str, list[Segment]] = {}  # final episodes
@@ -107,7 +108,3 @@ class Evaluator:
         # The tuner's work in the background counts as the tuner's time.
         progress.evaluation_seconds -= progress.tuner_seconds - before
         return segments
-
-    def _background_update(self) -> None:
-        with self._progress.timed("tuner_seconds"):
-            self._tuner.background_update()

@@ -16,7 +16,6 @@ def settings_of_task(
     """Return the settings that tell a task without a YAML file from others, as plain data.
 
     Args:
-        task: What is tuned.
         options: As for `zoac.tasks.given_task.given_task`.
         node: Configuration of the built-in task that it is made from; empty without one.
     """
@@ -42,7 +41,6 @@ def with_code(config: Mapping[str, Any], task: Task) -> tuple[dict[str, Any], Se
 
     Args:
         config: Resolved configuration; its task has a `_target_` if it comes from a YAML file.
-        task: What is tuned.
 
     Returns:
         The configuration with the key `code`, if the task has code that is not zoac's own; and a

@@ -6,7 +6,7 @@ import signal
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import KW_ONLY, asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -29,41 +29,38 @@ from zoac.runs.training.identity import with_code
 from zoac.runs.training.trainer import Trainer
 
 
+@dataclass
 class Run:
-    """Everything that one run is made of."""
+    """Everything that one run is made of.
 
-    def __init__(
-        self,
-        config: Mapping[str, Any],
-        task: Task,
-        *,
-        identity: Mapping[str, Any],
-        command: Sequence[str],
-        loggers: Sequence[Logger],
-        chosen: Choice | None = None,
-        quiet: bool = False,
-        callbacks: Callbacks | None = None,
-    ) -> None:
-        """
-        Args:
-            config: Resolved configuration; its node `task` is already made into `task`.
-            task: What is tuned.
-            identity: `task`, `tuner` and `seed`, for run folder and tables.
-            command: What was typed, for the record.
-            loggers: Where rows go beside the run folder.
-            chosen: What "auto" stands for, and why, if the tuner was left open.
-            quiet: Do not say that the run is done already.
-            callbacks: Those of the caller.
+    Args:
+        config: Resolved configuration; its node `task` is already made into `task`.
+        task: What is tuned.
+        identity: `task`, `tuner` and `seed`, for run folder and tables.
+        command: What was typed, for the record.
+        loggers: Where rows go beside the run folder.
+        chosen: What "auto" stands for, and why, if the tuner was left open.
+        quiet: Do not say that the run is done already.
+        callbacks: Those of the caller.
 
-        Raises:
-            ConfigError: If the configuration cannot be used.
-        """
-        self.task, self.identity, self.command = task, identity, command
-        self.loggers, self.chosen, self.quiet = loggers, chosen, quiet
-        self.callbacks = callbacks
-        self.settings = factory.build_settings(config)
-        self.config, self.doubts = with_code(config, task)
-        self.executor = factory.build_executor(config)
+    Raises:
+        ConfigError: If the configuration cannot be used.
+    """
+
+    config: Mapping[str, Any]
+    task: Task
+    _: KW_ONLY
+    identity: Mapping[str, Any]
+    command: Sequence[str]
+    loggers: Sequence[Logger]
+    chosen: Choice | None = None
+    quiet: bool = False
+    callbacks: Callbacks | None = None
+
+    def __post_init__(self) -> None:
+        self.settings = factory.build_settings(self.config)
+        self.config, self.doubts = with_code(self.config, self.task)
+        self.executor = factory.build_executor(self.config)
 
     @cached_property
     def tuner(self) -> Tuner:
@@ -78,25 +75,20 @@ def run_session(
     command: Sequence[str],
     fidelity: str = "paper",
 ) -> dict[str, Any]:
-    """Tune as configured, or go on with or return what is there already.
+    """Tune as configured, or go on with or return what is there; return `result.json`'s content.
 
     Args:
         config: Resolved configuration.
-        task: Name for the run's identity.
-        tuner: Likewise.
+        task: Name for the run's identity; likewise `tuner`.
         command: What was typed, for the record.
         fidelity: Name of that choice, for the options of a tuner that is yet to be chosen.
-
-    Returns:
-        The content of `result.json`.
 
     Raises:
         ConfigError: If the configuration cannot be used.
         RunFolderError: If the folder holds another run, is damaged or in use.
     """
     the_task = factory.build_task(config)
-    groups = {"task": task, "tuner": tuner, "fidelity": fidelity}
-    config, chosen = settled(config, the_task, groups)
+    config, chosen = settled(config, the_task, {"task": task, "tuner": tuner, "fidelity": fidelity})
     folder = run_folder.of(config, task, tuner)
     brief = lifeline.shares_terminal()
     live = lifeline.is_sweep() or not brief
@@ -224,10 +216,8 @@ def _stop_on_signal() -> Iterator[Any]:
 def _run_record(run: Run) -> dict[str, Any]:
     """Return the content of `run.json`."""
     task = run.task
-    signals: dict[str, Any] = {}
-    if task.signals:
-        units = {name: signal.unit for name, signal in task.signals.items()}
-        signals = {"signals": {"sample_time": task.sample_time, "units": units}}
+    units = {name: signal.unit for name, signal in task.signals.items()}
+    signals = {"signals": {"sample_time": task.sample_time, "units": units}} if units else {}
     return {
         "format": schema.FORMAT,
         **run.identity,

@@ -6,6 +6,8 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from zoac.core.segments import Segment
 
 
@@ -58,11 +60,8 @@ class Progress:
         if failures and self.first_failure is None:
             self.first_failure = told["first_failure"] = failures[0]
         for segment in segments:
-            diagnostics = segment.diagnostics
-            if "solver_seconds" in diagnostics:
-                self.solver_seconds += float(diagnostics["solver_seconds"].sum())
-            if "solver_failed" in diagnostics:
-                self.solver_failures += int(diagnostics["solver_failed"].sum())
+            self.solver_seconds += float(np.sum(segment.diagnostics.get("solver_seconds", 0.0)))
+            self.solver_failures += int(np.sum(segment.diagnostics.get("solver_failed", 0)))
         return told
 
     @contextmanager

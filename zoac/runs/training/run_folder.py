@@ -3,14 +3,14 @@
 import errno
 import re
 import shutil
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 from zoac.core.errors import ConfigError, RunFolderError
 from zoac.runs import schema
-from zoac.runs.lock import HeldError, locked
+from zoac.runs.lock import locked
 
 
 def of(config: Mapping[str, Any], task: str, tuner: str) -> Path:
@@ -50,18 +50,9 @@ def make(folder: Path) -> None:
         ) from None
 
 
-@contextmanager
-def held(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock.
-
-    Raises:
-        RunFolderError: If another process holds it.
-    """
-    try:
-        with locked(folder / ".lock"):
-            yield
-    except HeldError:
-        raise RunFolderError(f"{folder}: another process is running this run") from None
+def held(folder: Path) -> AbstractContextManager[None]:
+    """Return a context that holds the folder's lock; it is a `RunFolderError` if another does."""
+    return locked(folder / ".lock", held="another process is running this run")
 
 
 def prepare(folder: Path, config: Mapping[str, Any]) -> bool:

@@ -22,11 +22,9 @@ class Part(Protocol):
 
     def state(self) -> Any:
         """Return a copy of everything that the part's next steps depend on."""
-        ...
 
     def restore(self, state: Any) -> None:
         """Restore what `state` returned."""
-        ...
 
 
 class Checkpoints:
@@ -37,9 +35,7 @@ class Checkpoints:
     ) -> None:
         """
         Args:
-            log: Of the run folder.
-            progress: The first part of a checkpoint.
-            parts: The others by their key in the checkpoint, in the order of restoring.
+            parts: By their key in the checkpoint, in the order of restoring, after `progress`.
             seconds: Wall seconds between checkpoints.
         """
         self._log, self._progress, self._seconds = log, progress, seconds

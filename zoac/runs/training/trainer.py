@@ -49,6 +49,7 @@ class Trainer:
         self._settings, self._log = settings, log
         self._stop_requested, self._callbacks = stop_requested, callbacks or Callbacks()
         self.progress = Progress()
+        self._background_update = self.progress.timed("tuner_seconds")(tuner.background_update)
         self._constraints = FeasibilityFirst(task.constraints, task.specs)
         self._evaluator = Evaluator(task, tuner, executor, settings.evaluation, self.progress)
         self._environments = Environments(task, executor, settings, self.progress)
@@ -122,10 +123,6 @@ class Trainer:
         # Segments have one step or more, so that many failures are as many first steps.
         if progress.failed_segments == progress.env_steps >= HOPELESS:
             self._refuse("at its first step")
-
-    def _background_update(self) -> None:
-        with self.progress.timed("tuner_seconds"):
-            self._tuner.background_update()
 
     def _evaluate_if_due(self) -> None:
         progress, every = self.progress, self._settings.eval_every
