@@ -11,7 +11,6 @@ from zoac import specs as requirements
 from zoac.controllers.pid import PID
 from zoac.controllers.pid_loop import ClosedLoop, SampledLoop
 from zoac.core.errors import ConfigError, suggest
-from zoac.core.segments import Segment
 from zoac.specs.signals import Episode, Signal
 from zoac.specs.spec import Spec
 
@@ -86,14 +85,9 @@ def signals_of(loops: int, which: Sequence[int]) -> dict[str, Signal]:
         loops: m.
         which: Their numbers.
     """
-    chosen = np.array(which)
+    chosen = np.squeeze(np.array(which, dtype=int))  # of a single loop (T,), not (T, 1)
     return {
-        "y": Signal("output", partial(_columns, "observations", 2 * loops + chosen)),
-        "r": Signal("reference", partial(_columns, "observations", loops + chosen)),
-        "u": Signal("input", partial(_columns, "actions", chosen)),
+        "y": Signal("output", lambda s: s.observations[:, 2 * loops + chosen]),
+        "r": Signal("reference", lambda s: s.observations[:, loops + chosen]),
+        "u": Signal("input", lambda s: s.actions[:, chosen]),
     }
-
-
-def _columns(of: str, which: np.ndarray, segment: Segment) -> np.ndarray:
-    samples: np.ndarray = getattr(segment, of)[:, which]
-    return samples if len(which) > 1 else samples[:, 0]
