@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
-
 import numpy as np
 
 from zoac.controllers.neural import linear
@@ -49,7 +47,7 @@ def loop(index: Natural) -> Task:
         [plant.system], [plant.dead_time], plant.sample_time, plant.structure, plant.input_limits,
         plant.noise,
     )  # fmt: skip
-    task = copy(designed(design, "simc")[0])
+    task, _ = designed(design, "simc")
     task.specs, task.signals = (), {}  # the environment's own cost is that integral
     task.baseline = None
     return task
