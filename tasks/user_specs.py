@@ -19,10 +19,7 @@ from zoac.specs.signals import Signal, action, constant, diagnostic, info, obser
 from zoac.specs.spec import Spec
 
 SOURCES: dict[str, Callable[..., Signal]] = {
-    "observation": observation,
-    "action": action,
-    "info": info,
-    "diagnostic": diagnostic,
+    make.__name__: make for make in (observation, action, info, diagnostic)
 }
 """What a signal may be of in a YAML file: `{observation: 1, unit: m}`."""
 
@@ -54,7 +51,14 @@ def _signal(name: str, given: Any) -> Signal:
     if isinstance(given, Signal):
         return given
     if isinstance(given, Mapping):
-        return _from_mapping(name, given)
+        fields = dict(given)
+        unit = fields.pop("unit", "")
+        if len(fields) != 1 or (kind := next(iter(fields))) not in SOURCES:
+            raise ConfigError(
+                f"signals.{name}={dict(given)!r}: expected one of {', '.join(SOURCES)}, such as "
+                "{'observation': 1, 'unit': 'm'}"
+            )
+        return SOURCES[kind](fields[kind], unit)
     if is_number(given):
         return constant(given)
     if callable(given):
@@ -63,17 +67,6 @@ def _signal(name: str, given: Any) -> Signal:
         f"signals[{name!r}]={given!r}: expected zoac.observation(i), zoac.action(i), a "
         "number, or a function of a segment"
     )
-
-
-def _from_mapping(name: str, given: Mapping[str, Any]) -> Signal:
-    fields = dict(given)
-    unit = fields.pop("unit", "")
-    if len(fields) != 1 or (kind := next(iter(fields))) not in SOURCES:
-        raise ConfigError(
-            f"signals.{name}={dict(given)!r}: expected one of {', '.join(SOURCES)}, such as "
-            "{'observation': 1, 'unit': 'm'}"
-        )
-    return SOURCES[kind](fields[kind], unit)
 
 
 def specs_of(given: Sequence[Any], where: str = "specs") -> tuple[Spec, ...]:

@@ -7,6 +7,7 @@ from benchmarks.loop_plants import Experiment, figures, simulate
 from benchmarks.loop_specs import read
 from benchmarks.loops import judged
 from zoac.core.segments import Proposal
+from zoac.pid import tuning
 from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.pid_loop import Design, designed
 from zoac.tasks.suite.loops import draw
@@ -18,9 +19,9 @@ TABLE = read()
 
 def test_the_evidence_in_the_table_meets_its_specs():
     assert len(TABLE) == 100
-    for index in range(0, 100, 15):
+    for index in range(0, 100, 15):  # one of each class
         plant, specs = draw(index), TABLE[index]
-        assert specs.broken(plant, specs.evidence, 1, 10) == []
+        assert specs.broken(plant, specs.evidence, 1, 4) == []
 
 
 @pytest.mark.parametrize("index", range(7))
@@ -41,7 +42,8 @@ def test_the_other_simulation_agrees_with_what_is_tuned(index):
     assert segment.costs.sum() == pytest.approx(iae, rel=1e-9)
 
 
-def test_a_plant_of_the_suite_gets_its_specs_and_beats_the_rules():
+def test_a_plant_of_the_suite_gets_its_specs_and_beats_the_rules(monkeypatch):
+    monkeypatch.setattr(tuning, "EPISODES", 500)
     verdict = judged(draw(0), TABLE[0])
     assert verdict.broken == ""
     assert set(verdict.against.values()) == {"better"}

@@ -16,6 +16,8 @@ from zoac.tasks.suite import reactor
 from zoac.tasks.suite.problems import LANDER, land
 
 NAMES = [name for name in choices("task") if name.startswith("suite/")]
+MADE = [name for name in NAMES if name.removeprefix("suite/loop_") not in "7 8 9 42 43 47".split()]
+"""Of the loops one of each class."""
 NEEDS = {"loop": "control", "lunar": "Box2D", "swimmer": "mujoco", "reacher": "mujoco",
          "half_cheetah": "mujoco"}  # fmt: skip
 
@@ -29,14 +31,14 @@ def made(name):
     return zoac.make_task(name)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", MADE)
 def test_no_tuner_is_told_gains_and_every_tuner_may_take_the_problem(name):
     task = made(name)
     assert task.baseline is None
     assert not task.specs  # which tuners of parts of episodes would refuse
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", MADE)
 def test_gains_differ_in_cost(name):
     task = made(name)
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (4, task.space.dimension))
