@@ -47,20 +47,11 @@ def draw(axes: Axes, observation: np.ndarray) -> None:
     axes.text(SHOWN_GAP, 3.6, "desired gap", color=WANTED, ha="center", va="bottom", fontsize=8)
     _car_from_the_side(axes, -CAR_LENGTH, EGO)
     _car_from_the_side(axes, SHOWN_GAP + dd, OTHER)
-    axes.annotate(
-        "",
-        xy=(SHOWN_GAP + dd, 0.9),
-        xytext=(0.0, 0.9),
-        arrowprops={"arrowstyle": "<->", "color": MUTED, "linewidth": 0.8},
-    )
-    # Drawn to a length of 3 for 1 m/s^2, from the middle of the car.
-    if abs(af) > 0.02:
-        axes.annotate(
-            "",
-            xy=(-CAR_LENGTH / 2 + 3 * af, 2.5),
-            xytext=(-CAR_LENGTH / 2, 2.5),
-            arrowprops={"arrowstyle": "-|>", "color": EGO, "linewidth": 1.6},
-        )
+    gap = {"arrowstyle": "<->", "color": MUTED, "linewidth": 0.8}
+    axes.annotate("", (SHOWN_GAP + dd, 0.9), (0.0, 0.9), arrowprops=gap)
+    if abs(af) > 0.02:  # drawn to a length of 3 for 1 m/s^2, from the middle of the car
+        middle, forward = -CAR_LENGTH / 2, {"arrowstyle": "-|>", "color": EGO, "linewidth": 1.6}
+        axes.annotate("", (middle + 3 * af, 2.5), (middle, 2.5), arrowprops=forward)
     for x, name, value, unit in (
         (-7.4, "clearance error", dd, "m"),
         (1.1, "speed error", dv, "m/s"),

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -68,14 +67,14 @@ def fitted(spec: Spec, loops: LoopsOf, load_at: float) -> Spec:
     """
     if spec.of_loop and spec.loop is None:
         worst = min if spec.max is None else max
-        return replace(spec, figure=partial(_of_loops, spec.name, worst), loop=loops)
+        return replace(
+            spec,
+            figure=lambda of: float(worst(getattr(loop, spec.name)() for loop in of)),
+            loop=loops,
+        )
     if spec.name in OF_THE_STEP and spec.window is None:
         return replace(spec, window=(0.0, load_at))
     return spec
-
-
-def _of_loops(name: str, worst: Any, loops: Sequence[ClosedLoop]) -> float:
-    return float(worst(getattr(loop, name)() for loop in loops))
 
 
 def signals_of(loops: int, which: Sequence[int]) -> dict[str, Signal]:
