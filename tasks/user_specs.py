@@ -144,12 +144,9 @@ def with_objective(specs: tuple[Spec, ...], objective: Any) -> tuple[str, tuple[
 
 
 def require(task: Task, options: Mapping[str, Any]) -> None:
-    """Give a task signals and requirements beside its own.
+    """Give a task `signals`, `sample_time`, `specs` and `objective` of `zoac.tune`'s options.
 
-    Args:
-        task: What is changed.
-        options: `signals`, `sample_time`, `specs` and `objective`, as `zoac.tune` takes them. A
-            signal takes the place of the task's own of that name, soft specs that of its own.
+    They stand beside its own; a signal of the same name, and soft specs, take their place.
 
     Raises:
         ConfigError: If one cannot be used.

@@ -24,15 +24,7 @@ RULES = ("simc", "ziegler_nichols", "tyreus_luyben")
 
 @dataclass(frozen=True)
 class Design:
-    """What `zoac.tune_pid` was asked for.
-
-    Args:
-        systems: Continuous python-control systems; the PID is to serve each.
-        dead_times: One per plant [s].
-        sample_time: T_s [s].
-        structure: "P", "PI", "PD" or "PID".
-        input_limits: Smallest and largest input, 0 between them.
-        noise: Standard deviation of the measurement, in the unit of y.
+    """What `zoac.tune_pid` was asked for: its arguments, with a dead time [s] for each system.
 
     Raises:
         ConfigError: If an argument is out of its range.

@@ -78,12 +78,7 @@ def fitted(spec: Spec, loops: LoopsOf, load_at: float) -> Spec:
 
 
 def signals_of(loops: int, which: Sequence[int]) -> dict[str, Signal]:
-    """Return y, without its noise, r and u of some of m loops side by side.
-
-    Args:
-        loops: m.
-        which: Their numbers.
-    """
+    """Return y, without its noise, r and u of the loops `which` of so many side by side."""
     chosen = np.squeeze(np.array(which, dtype=int))  # of a single loop (T,), not (T, 1)
     return {
         "y": Signal("output", lambda s: s.observations[:, 2 * loops + chosen]),
