@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import zoac
+from benchmarks import loop_plants
 from benchmarks.loop_plants import Experiment, figures, margins, simulate
 from tests import commands
 from zoac import specs
@@ -52,6 +53,7 @@ def broken(result, system, draws=20):
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
     monkeypatch.setattr(tuning, "EPISODES", 200)
+    monkeypatch.setattr(loop_plants, "FREQUENCIES", 1000)
 
 
 @pytest.fixture
