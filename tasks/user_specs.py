@@ -172,15 +172,14 @@ def sample_time_of(given: float | None, env: gymnasium.Env) -> float | None:
     Raises:
         ConfigError: If it is no number above 0.
     """
-    found = given
-    if found is None:
+    if given is None:
         inner = env.unwrapped
         told = [getattr(inner, name, None) for name in ("sample_time", "dt")]
         told.append(inner.metadata.get("sample_time"))
         fps: Any = inner.metadata.get("render_fps")
         told.append(1.0 / fps if is_number(fps) and fps > 0 else None)
-        found = next((value for value in told if is_number(value)), None)
-    return _seconds(found)
+        given = next(filter(is_number, told), None)
+    return _seconds(given)
 
 
 def _seconds(given: Any) -> float | None:

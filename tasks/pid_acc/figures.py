@@ -27,10 +27,10 @@ def traces(segment: Segment) -> list[Trace]:
     time = SAMPLE_TIME * np.arange(segment.length + 1)
     # Eq. (11) backwards: dv' = w - a_f.
     preceding = np.diff(dv) / SAMPLE_TIME + af[:-1]
-    label = "Time [s]"
+    label, gap, speed = "Time [s]", MAX_CLEARANCE_ERROR, MAX_SPEED_ERROR
     return [
-        Trace("Clearance error [m]", time, dd, label, limits=_both(MAX_CLEARANCE_ERROR)),
-        Trace("Speed error [m/s]", time, dv, label, limits=_both(MAX_SPEED_ERROR)),
+        Trace("Clearance error [m]", time, dd, label, limits=(-gap, gap)),
+        Trace("Speed error [m/s]", time, dv, label, limits=(-speed, speed)),
         Trace("Acceleration [m/s²]", time, af, label, reference=(time[:-1], preceding)),
         Trace("Command [m/s²]", time[:-1], u, label, limits=(U_LOW, U_HIGH)),
     ]
@@ -71,7 +71,3 @@ def _car_from_the_side(axes: Axes, rear: float, colour: str) -> None:
     axes.add_patch(Polygon(cabin, color=colour, lw=0))
     for wheel in (0.95, CAR_LENGTH - 0.95):
         axes.plot(rear + wheel, 0.3, "o", color=INK, markersize=6, zorder=5)
-
-
-def _both(limit: float) -> tuple[float, float]:
-    return -limit, limit

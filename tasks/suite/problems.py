@@ -21,8 +21,6 @@ LANDER = {
 }  # fmt: skip
 """The numbers of Gymnasium's own heuristic (`gymnasium.envs.box2d.lunar_lander.heuristic`)."""
 
-LANDER_STEPS = 400
-
 
 def built_in(name: str, mpc_solver: str | None) -> Task:
     """Return a task of `zoac.tasks` without its baseline.
@@ -117,5 +115,5 @@ def lander() -> Task:
         env="LunarLander-v3",
         controller=land,
         space=dict.fromkeys(LANDER, (0.0, 1.2)),
-        max_episode_steps=LANDER_STEPS,
+        max_episode_steps=400,
     )
