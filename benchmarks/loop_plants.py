@@ -17,6 +17,9 @@ import numpy as np
 
 from zoac.tasks.suite.loops import Plant
 
+FREQUENCIES = 6000
+"""At which margins are looked for, logarithmic below the Nyquist frequency."""
+
 FINE = 4
 """Steps of the simulation per sample."""
 
@@ -138,7 +141,7 @@ def margins(plant: Plant, gains: Mapping[str, float]) -> dict[str, float]:
     loop = sampled_plant(plant) * controller(gains, plant.sample_time)
     if np.abs(control.feedback(loop, 1).poles()).max() >= 1.0 - 1e-9:
         return {"gain_margin": 0.0, "phase_margin": 0.0, "max_sensitivity": np.inf}
-    omega = np.logspace(-5, 0, 6000) * np.pi / plant.sample_time
+    omega = np.logspace(-5, 0, FREQUENCIES) * np.pi / plant.sample_time
     response = control.frequency_response(loop, omega)
     gain, phase, *_ = control.stability_margins(response, returnall=True)
     values = np.asarray(response.complex).reshape(-1)

@@ -16,6 +16,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
 import argparse
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,12 +24,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from benchmarks.executors import steps_per_second
+import zoac
 from benchmarks.figures import FIGURES, cycle, pyplot, save
 from benchmarks.qp_solvers import LANES, closed_loop_problems
 from benchmarks.qp_ways import PEERS, RICCATI, Way, cpu_seconds, installed
 from tests.mpc.problems import dense_problems
+from zoac.core.segments import Proposal
 from zoac.mpc.problem import PER_ENV, LinearisedProblem
+from zoac.rollout.executors.base import Executor, Serial
+from zoac.rollout.executors.process import Process
 
 HORIZONS = (10, 25, 50, 100, 200)
 STATES = (2, 4, 6, 8, 12, 16, 24)
@@ -81,6 +85,31 @@ def merge(problems: Sequence[LinearisedProblem]) -> LinearisedProblem:
     """Return all lanes of `problems` as one problem."""
     arrays = {name: np.concatenate([getattr(p, name) for p in problems]) for name in PER_ENV}
     return replace(problems[0], **arrays)
+
+
+def steps_per_second(
+    solver: str, num_envs: int, workers: Sequence[int], rounds: int
+) -> dict[int, list[float]]:
+    """Return each round's rate for each number of workers, of which 0 means serial."""
+    task = zoac.make_task("mpc_tracking", mpc_solver=solver)
+    assert task.baseline is not None
+    x = task.space.normalise(task.baseline)
+    proposals = [Proposal(x, env_index, 20) for _ in range(5) for env_index in range(num_envs)]
+    executors: dict[int, Executor] = {
+        count: Process(workers=count) if count else Serial() for count in workers
+    }
+    rates: dict[int, list[float]] = {count: [] for count in workers}
+    for executor in executors.values():
+        executor.start(task, num_envs, seed=0)
+        executor.rollout(proposals)  # compiles
+    for _ in range(rounds):
+        for count, executor in executors.items():
+            begun = time.perf_counter()
+            steps = sum(segment.length for segment in executor.rollout(proposals))
+            rates[count].append(steps / (time.perf_counter() - begun))
+    for executor in executors.values():
+        executor.close()
+    return rates
 
 
 def over_workers(workers: Sequence[int], rounds: int) -> Curves:

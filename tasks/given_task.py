@@ -87,13 +87,7 @@ def name_of(task: Task | str | None, env: EnvSource | None) -> str:
 def set_options(
     node: dict[str, Any], options: Mapping[str, Any], what: str, more: Sequence[str] = ()
 ) -> None:
-    """Set options of a config node.
-
-    Args:
-        node: The node, which is changed.
-        options: Values by name, in dicts for inner nodes.
-        what: The node's name, for messages.
-        more: Further names that a message may suggest.
+    """Set options of a config node, in dicts for inner nodes; `what` is its name in messages.
 
     Raises:
         ConfigError: If there is no such option; the message names the nearest.

@@ -25,47 +25,51 @@ def parse_space(
     """
     if not isinstance(baseline, Mapping | None):
         raise ConfigError(f"baseline={baseline!r}: expected values by name, such as {{'kp': 1.0}}")
-    parsed, fixed, values = _parsed(space)
+    fixed: dict[str, float] = {}
+    values: dict[str, Any] = {}
+    if not isinstance(space, ParameterSpace):
+        if not isinstance(space, Mapping):
+            raise ConfigError(f"space={space!r}: expected bounds by name, such as {{'kp': (0, 5)}}")
+        parameters = []
+        for name, entry in space.items():
+            if not isinstance(name, str) or not name:
+                raise ConfigError(f"space: the name of a parameter must be text, got {name!r}")
+            entry = _plain(entry)
+            if isinstance(entry, (int, float)):
+                fixed[name] = entry  # a whole number stays one: a controller may count with it
+                continue
+            fields = _fields(entry, f"space[{name!r}]")
+            if "baseline" in fields:
+                values[name] = fields.pop("baseline")
+            parameters.append(_parameter(name, fields))
+        space = ParameterSpace(parameters)
     values |= baseline or {}
     if values:
-        parsed.normalise(values)  # says what is wrong with one
-    return parsed, fixed, values
+        space.normalise(values)  # says what is wrong with one
+    return space, fixed, values
 
 
-def _parsed(
-    space: ParameterSpace | Mapping[str, Any],
-) -> tuple[ParameterSpace, dict[str, float], dict[str, Any]]:
-    if isinstance(space, ParameterSpace):
-        return space, {}, {}
-    if not isinstance(space, Mapping):
-        raise ConfigError(f"space={space!r}: expected bounds by name, such as {{'kp': (0, 5)}}")
-    parameters: list[Parameter] = []
-    fixed: dict[str, float] = {}
-    start: dict[str, Any] = {}
-    for name, entry in space.items():
-        if not isinstance(name, str) or not name:
-            raise ConfigError(f"space: the name of a parameter must be text, got {name!r}")
-        where, entry = f"space[{name!r}]", _plain(entry)
-        if isinstance(entry, (int, float)):
-            fixed[name] = entry  # a whole number stays one: a controller may count with it
-            continue
-        if isinstance(entry, Sequence) and not isinstance(entry, str):
-            if len(entry) > len(_FIELDS):
-                raise ConfigError(
-                    f"{where}={entry!r}: expected at most {', '.join(_FIELDS)}; a start value goes "
-                    f"into a dict, such as {{'low': 0, 'high': 5, 'baseline': 1}}"
-                )
-            entry = dict(zip(_FIELDS, entry, strict=False))
-        if not isinstance(entry, Mapping):
+def _fields(entry: Any, where: str) -> dict[str, Any]:
+    """Return a parameter's entry by name."""
+    if isinstance(entry, Sequence) and not isinstance(entry, str):
+        if len(entry) > len(_FIELDS):
             raise ConfigError(
-                f"{where}={entry!r}: expected (low, high), (low, high, 'log'), a dict or a number"
+                f"{where}={entry!r}: expected at most {', '.join(_FIELDS)}; a start value goes "
+                f"into a dict, such as {{'low': 0, 'high': 5, 'baseline': 1}}"
             )
-        fields = {key: _plain(value) for key, value in entry.items()}
-        if "baseline" in fields:
-            given = fields.pop("baseline")
-            start[name] = given if "choices" in fields else _number(given, f"{where}.baseline")
-        parameters.append(_parameter(name, fields))
-    return ParameterSpace(parameters), fixed, start
+        entry = dict(zip(_FIELDS, entry, strict=False))
+    if not isinstance(entry, Mapping):
+        raise ConfigError(
+            f"{where}={entry!r}: expected (low, high), (low, high, 'log'), a dict or a number"
+        )
+    fields = {key: _plain(value) for key, value in entry.items()}
+    if "baseline" in fields and "choices" not in fields:
+        given = fields["baseline"]
+        try:
+            fields["baseline"] = float(given)
+        except (TypeError, ValueError):
+            raise ConfigError(f"{where}.baseline={given!r}: expected a number") from None
+    return fields
 
 
 def _plain(value: Any) -> Any:
@@ -74,13 +78,6 @@ def _plain(value: Any) -> Any:
 
 
 _FIELDS = ("low", "high", "scale", "unit")
-
-
-def _number(given: Any, where: str) -> float:
-    try:
-        return float(given)
-    except (TypeError, ValueError):
-        raise ConfigError(f"{where}={given!r}: expected a number") from None
 
 
 def _parameter(name: str, fields: dict[str, Any]) -> Parameter:

@@ -19,10 +19,7 @@ from zoac.specs.signals import Signal, action, constant, diagnostic, info, obser
 from zoac.specs.spec import Spec
 
 SOURCES: dict[str, Callable[..., Signal]] = {
-    "observation": observation,
-    "action": action,
-    "info": info,
-    "diagnostic": diagnostic,
+    make.__name__: make for make in (observation, action, info, diagnostic)
 }
 """What a signal may be of in a YAML file: `{observation: 1, unit: m}`."""
 
@@ -54,7 +51,14 @@ def _signal(name: str, given: Any) -> Signal:
     if isinstance(given, Signal):
         return given
     if isinstance(given, Mapping):
-        return _from_mapping(name, given)
+        fields = dict(given)
+        unit = fields.pop("unit", "")
+        if len(fields) != 1 or (kind := next(iter(fields))) not in SOURCES:
+            raise ConfigError(
+                f"signals.{name}={dict(given)!r}: expected one of {', '.join(SOURCES)}, such as "
+                "{'observation': 1, 'unit': 'm'}"
+            )
+        return SOURCES[kind](fields[kind], unit)
     if is_number(given):
         return constant(given)
     if callable(given):
@@ -63,17 +67,6 @@ def _signal(name: str, given: Any) -> Signal:
         f"signals[{name!r}]={given!r}: expected zoac.observation(i), zoac.action(i), a "
         "number, or a function of a segment"
     )
-
-
-def _from_mapping(name: str, given: Mapping[str, Any]) -> Signal:
-    fields = dict(given)
-    unit = fields.pop("unit", "")
-    if len(fields) != 1 or (kind := next(iter(fields))) not in SOURCES:
-        raise ConfigError(
-            f"signals.{name}={dict(given)!r}: expected one of {', '.join(SOURCES)}, such as "
-            "{'observation': 1, 'unit': 'm'}"
-        )
-    return SOURCES[kind](fields[kind], unit)
 
 
 def specs_of(given: Sequence[Any], where: str = "specs") -> tuple[Spec, ...]:
@@ -151,12 +144,9 @@ def with_objective(specs: tuple[Spec, ...], objective: Any) -> tuple[str, tuple[
 
 
 def require(task: Task, options: Mapping[str, Any]) -> None:
-    """Give a task signals and requirements beside its own.
+    """Give a task `signals`, `sample_time`, `specs` and `objective` of `zoac.tune`'s options.
 
-    Args:
-        task: What is changed.
-        options: `signals`, `sample_time`, `specs` and `objective`, as `zoac.tune` takes them. A
-            signal takes the place of the task's own of that name, soft specs that of its own.
+    They stand beside its own; a signal of the same name, and soft specs, take their place.
 
     Raises:
         ConfigError: If one cannot be used.
@@ -182,15 +172,14 @@ def sample_time_of(given: float | None, env: gymnasium.Env) -> float | None:
     Raises:
         ConfigError: If it is no number above 0.
     """
-    found = given
-    if found is None:
+    if given is None:
         inner = env.unwrapped
         told = [getattr(inner, name, None) for name in ("sample_time", "dt")]
         told.append(inner.metadata.get("sample_time"))
         fps: Any = inner.metadata.get("render_fps")
         told.append(1.0 / fps if is_number(fps) and fps > 0 else None)
-        found = next((value for value in told if is_number(value)), None)
-    return _seconds(found)
+        given = next(filter(is_number, told), None)
+    return _seconds(given)
 
 
 def _seconds(given: Any) -> float | None:

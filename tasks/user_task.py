@@ -2,9 +2,9 @@
 
 import copy
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from functools import cached_property, partial
 from typing import Any, Protocol, Self
 
 import gymnasium
@@ -146,8 +146,7 @@ class UserTask(Task):
         self.objective = objective_text(self.specs, str(Objective(of_env)))
         self.signals = signals_of({} if signals is None else signals)
         if self.signals or self.specs:
-            with self._env_once() as env_once:
-                self.sample_time = sample_time_of(sample_time, env_once)
+            self.sample_time = self._seen(lambda env: sample_time_of(sample_time, env))
             check(self.specs, self.signals, self.sample_time)
         self.make_controller()  # says what is wrong with it
 
@@ -163,26 +162,22 @@ class UserTask(Task):
 
     def make_env(self, n: int) -> GymnasiumVecEnv:
         """Return `n` copies of the environment, side by side."""
-        envs = [self._one_env() for _ in range(n)]
+        make = partial(single_env, self._env)
         return GymnasiumVecEnv(
-            envs,
+            [make() for _ in range(n)],
             self._max_episode_steps,
             self._plant,
             self._vary,
-            make=self._one_env,
+            make=make,
             objective=self._objective,
             info=tuple(s.info for s in self.signals.values() if s.info is not None),
         )
 
-    def _one_env(self) -> gymnasium.Env:
-        return single_env(self._env)
-
-    @contextmanager
-    def _env_once(self) -> Iterator[gymnasium.Env]:
-        """Make an environment to look at, and close it."""
-        env = self._one_env()
+    def _seen(self, look: Callable[[gymnasium.Env], Any]) -> Any:
+        """Return what a look at an environment tells; it is made for it and closed."""
+        env = single_env(self._env)
         try:
-            yield env
+            return look(env)
         finally:
             with suppress(Exception):  # it has served
                 env.close()
@@ -195,14 +190,12 @@ class UserTask(Task):
 
     @cached_property
     def _action_space(self) -> gymnasium.Space:
-        with self._env_once() as env_once:
-            return env_once.action_space
+        return self._seen(lambda env: env.action_space)
 
     @cached_property
     def shortest_horizon(self) -> int:
         """See `Task.shortest_horizon`; what the environment says."""
-        with self._env_once() as env_once:
-            return shortest_horizon_of(env_once)
+        return self._seen(shortest_horizon_of)
 
     def with_plant(self, plant: Mapping[str, float]) -> Self:
         """Return the same task on a plant with other numbers; they no longer vary."""
@@ -213,8 +206,7 @@ class UserTask(Task):
 
     def varied(self, vary: Mapping[str, Bounds]) -> PlantNumbers:
         """Return what draws such numbers of the plant: whole ones where the plant's are whole."""
-        with self._env_once() as env_once:
-            return PlantNumbers(env_once, {}, vary)
+        return self._seen(lambda env: PlantNumbers(env, {}, vary))
 
 
 user_task = UserTask
@@ -226,24 +218,22 @@ def _is_count(value: Any) -> bool:
 
 def _named(given: Sequence[Any] | Mapping[str, Any], kind: Any, where: str) -> list[Any]:
     """Return metrics or constraints from functions or dotted paths by name."""
+    found = []
     if isinstance(given, Mapping):
         wanted = f"a {kind.__name__}, or a function of a segment"
-        located = {
-            name: locate_code(value, f"{where}.{name}", (kind,), (np.ndarray,), wanted)
-            if isinstance(value, str)
-            else value
-            for name, value in given.items()
-        }
-        found = [v if isinstance(v, kind) else kind(name, v) for name, v in located.items()]
+        for name, value in given.items():
+            if isinstance(value, str):
+                value = locate_code(value, f"{where}.{name}", (kind,), (np.ndarray,), wanted)
+            found.append(value if isinstance(value, kind) else kind(name, value))
     else:
         several = isinstance(given, Sequence) and not isinstance(given, str)
-        found = list(given) if several else [given]
-        for value in found:
+        for value in given if several else [given]:
             if not isinstance(value, kind):
                 raise ConfigError(
                     f"{where}: {value!r} is no {kind.__name__}; give functions by name, such as "
                     f"{where}={{'my_name': function}}"
                 )
+            found.append(value)
     names = [value.name for value in found]
     repeated = {name for name in names if names.count(name) > 1}
     if repeated:

@@ -27,17 +27,11 @@ def optimal_gain(weights: np.ndarray = Q) -> np.ndarray:
 
 
 class LqrVecEnv(ArrayVecEnv):
-    """n double integrators side by side."""
+    """n double integrators side by side; options as of the task `zoac.tasks.lqr.Lqr`."""
 
     def __init__(
         self, num_envs: int = 1, noise: float = 0.02, max_episode_steps: int = 200
     ) -> None:
-        """
-        Args:
-            num_envs: Number of environments n.
-            noise: Standard deviation of the disturbance of each state and step.
-            max_episode_steps: Time limit.
-        """
         super().__init__(
             num_envs,
             Box(-np.inf, np.inf, (2,), dtype=np.float64),

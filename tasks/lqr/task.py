@@ -19,26 +19,19 @@ WEIGHTS = ParameterSpace([Parameter("q_x", 1e-2, 1e2, "log"), Parameter("q_v", 1
 
 
 class StateFeedback(Controller):
-    """u = -(k_x x + k_v v)."""
+    """u = -(k_x x + k_v v), with given gains or the best for state weights diag(q_x, q_v)."""
 
     def act(
         self, params: Parameters, obs: np.ndarray, memory: Memory
     ) -> tuple[np.ndarray, Memory, Diagnostics]:
         """Return u (n, 1) [m/s^2]."""
-        u = -(params["k_x"] * obs[:, 0] + params["k_v"] * obs[:, 1])
+        if "q_x" in params:
+            weights = zip(params["q_x"].tolist(), params["q_v"].tolist(), strict=True)
+            k_x, k_v = np.array([_gain(pair) for pair in weights]).T
+        else:
+            k_x, k_v = params["k_x"], params["k_v"]
+        u = -(k_x * obs[:, 0] + k_v * obs[:, 1])
         return u[:, None], memory, {}
-
-
-class Regulator(Controller):
-    """The best gains for state weights diag(q_x, q_v), beside the plant's weight on the input."""
-
-    def act(
-        self, params: Parameters, obs: np.ndarray, memory: Memory
-    ) -> tuple[np.ndarray, Memory, Diagnostics]:
-        """Return u (n, 1) [m/s^2]."""
-        weights = zip(params["q_x"].tolist(), params["q_v"].tolist(), strict=True)
-        gains = np.stack([_gain(pair) for pair in weights])
-        return -(gains * obs).sum(axis=1, keepdims=True), memory, {}
 
 
 @lru_cache(maxsize=10_000)  # weights stay the same for many steps
@@ -69,7 +62,7 @@ class Lqr(Task):
             noise: Standard deviation of the disturbance of each state and step.
             max_episode_steps: Time limit, in steps of 0.1 s.
         """
-        self._tuned, self._noise, self._steps = tuned, noise, max_episode_steps
+        self._noise, self._steps = noise, max_episode_steps
         self.space = GAINS if tuned == "gains" else WEIGHTS
         best = optimal_gain() if tuned == "gains" else np.diag(Q)
         self.baseline = dict(zip(self.space.names, best.tolist(), strict=True))
@@ -78,4 +71,4 @@ class Lqr(Task):
         return LqrVecEnv(n, self._noise, self._steps)
 
     def make_controller(self) -> Controller:
-        return StateFeedback() if self._tuned == "gains" else Regulator()
+        return StateFeedback()

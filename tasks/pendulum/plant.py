@@ -16,7 +16,7 @@ MAX_SPEED = 8.0  # [rad/s]
 
 
 class PendulumVecEnv(ArrayVecEnv):
-    """n pendulums side by side."""
+    """n pendulums side by side; options as of the task `zoac.tasks.pendulum.Pendulum`."""
 
     def __init__(
         self,
@@ -25,13 +25,6 @@ class PendulumVecEnv(ArrayVecEnv):
         length: float = 1.0,
         max_episode_steps: int = 200,
     ) -> None:
-        """
-        Args:
-            num_envs: Number of environments n.
-            mass: Of the rod [kg].
-            length: Of the rod [m].
-            max_episode_steps: Time limit.
-        """
         bounds = np.array([1.0, 1.0, MAX_SPEED])
         super().__init__(
             num_envs,

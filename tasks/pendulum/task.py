@@ -4,7 +4,6 @@ import numpy as np
 
 from zoac.core.controller import Controller, Diagnostics, Memory, Parameters
 from zoac.core.parameters import Parameter, ParameterSpace
-from zoac.core.segments import Segment
 from zoac.core.types import Count, Positive
 from zoac.rollout.task import Task
 from zoac.specs.signals import Signal, action, observation
@@ -33,12 +32,6 @@ class EnergyPd(Controller):
         return torque[:, None], memory, {}
 
 
-def _angle(segment: Segment) -> np.ndarray:
-    """Return the angle from upright, (T + 1,) [rad]."""
-    cosine, sine, _ = segment.observations.T
-    return np.arctan2(sine, cosine)
-
-
 class Pendulum(Task):
     """Two PD gains, an energy gain, and the angle where one hands over to the other."""
 
@@ -54,7 +47,11 @@ class Pendulum(Task):
     """Gains by hand, which swing up and hold."""
     sample_time = SAMPLE_TIME
     signals = {
-        "angle": Signal("angle from upright", _angle, "rad"),
+        "angle": Signal(
+            "angle from upright",
+            lambda s: np.arctan2(s.observations[:, 1], s.observations[:, 0]),
+            "rad",
+        ),
         "speed": observation(2, unit="rad/s"),
         "torque": action(0, unit="N m"),
     }

@@ -27,10 +27,10 @@ def traces(segment: Segment) -> list[Trace]:
     time = SAMPLE_TIME * np.arange(segment.length + 1)
     # Eq. (11) backwards: dv' = w - a_f.
     preceding = np.diff(dv) / SAMPLE_TIME + af[:-1]
-    label = "Time [s]"
+    label, gap, speed = "Time [s]", MAX_CLEARANCE_ERROR, MAX_SPEED_ERROR
     return [
-        Trace("Clearance error [m]", time, dd, label, limits=_both(MAX_CLEARANCE_ERROR)),
-        Trace("Speed error [m/s]", time, dv, label, limits=_both(MAX_SPEED_ERROR)),
+        Trace("Clearance error [m]", time, dd, label, limits=(-gap, gap)),
+        Trace("Speed error [m/s]", time, dv, label, limits=(-speed, speed)),
         Trace("Acceleration [m/s²]", time, af, label, reference=(time[:-1], preceding)),
         Trace("Command [m/s²]", time[:-1], u, label, limits=(U_LOW, U_HIGH)),
     ]
@@ -47,20 +47,11 @@ def draw(axes: Axes, observation: np.ndarray) -> None:
     axes.text(SHOWN_GAP, 3.6, "desired gap", color=WANTED, ha="center", va="bottom", fontsize=8)
     _car_from_the_side(axes, -CAR_LENGTH, EGO)
     _car_from_the_side(axes, SHOWN_GAP + dd, OTHER)
-    axes.annotate(
-        "",
-        xy=(SHOWN_GAP + dd, 0.9),
-        xytext=(0.0, 0.9),
-        arrowprops={"arrowstyle": "<->", "color": MUTED, "linewidth": 0.8},
-    )
-    # Drawn to a length of 3 for 1 m/s^2, from the middle of the car.
-    if abs(af) > 0.02:
-        axes.annotate(
-            "",
-            xy=(-CAR_LENGTH / 2 + 3 * af, 2.5),
-            xytext=(-CAR_LENGTH / 2, 2.5),
-            arrowprops={"arrowstyle": "-|>", "color": EGO, "linewidth": 1.6},
-        )
+    gap = {"arrowstyle": "<->", "color": MUTED, "linewidth": 0.8}
+    axes.annotate("", (SHOWN_GAP + dd, 0.9), (0.0, 0.9), arrowprops=gap)
+    if abs(af) > 0.02:  # drawn to a length of 3 for 1 m/s^2, from the middle of the car
+        middle, forward = -CAR_LENGTH / 2, {"arrowstyle": "-|>", "color": EGO, "linewidth": 1.6}
+        axes.annotate("", (middle + 3 * af, 2.5), (middle, 2.5), arrowprops=forward)
     for x, name, value, unit in (
         (-7.4, "clearance error", dd, "m"),
         (1.1, "speed error", dv, "m/s"),
@@ -80,7 +71,3 @@ def _car_from_the_side(axes: Axes, rear: float, colour: str) -> None:
     axes.add_patch(Polygon(cabin, color=colour, lw=0))
     for wheel in (0.95, CAR_LENGTH - 0.95):
         axes.plot(rear + wheel, 0.3, "o", color=INK, markersize=6, zorder=5)
-
-
-def _both(limit: float) -> tuple[float, float]:
-    return -limit, limit

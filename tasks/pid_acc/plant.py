@@ -32,7 +32,11 @@ DEMONSTRATION = (
 
 
 class PidAccVecEnv(ArrayVecEnv):
-    """n car-following episodes side by side; `gymnasium.make_vec("zoac/PidAcc-v0")`."""
+    """n car-following episodes side by side; `gymnasium.make_vec("zoac/PidAcc-v0")`.
+
+    Its options are those of the task `zoac.tasks.pid_acc.PidAcc`. A saturated u hides the cost of
+    the first two kinds of `jerk`.
+    """
 
     metadata = {**ArrayVecEnv.metadata, "render_modes": ["rgb_array"], "render_fps": 10}
 
@@ -44,16 +48,6 @@ class PidAccVecEnv(ArrayVecEnv):
         jerk: Jerk = "rate",
         max_episode_steps: int = 1000,
     ) -> None:
-        """
-        Args:
-            num_envs: Number of environments n.
-            render_mode: None or "rgb_array".
-            preceding_std: Standard deviation of the preceding car's acceleration [m/s^2].
-            jerk: What the comfort term squares: "rate", du/T_s (the paper); "increment", du, a
-                hundredth of it; "commanded_increment", the increment before u is clipped, by its
-                own bounds only (the authors' code). A saturated u hides the cost of the first two.
-            max_episode_steps: Time limit.
-        """
         super().__init__(
             num_envs,
             Box(-np.inf, np.inf, (10,), dtype=np.float64),
@@ -79,19 +73,9 @@ class PidAccVecEnv(ArrayVecEnv):
         self._preceding[env_index] = np.repeat(np.clip(draws, U_LOW, U_HIGH), STEPS_PER_DRAW)
 
     def _advance(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        cost = np.empty(self.num_envs)
-        terminated = np.empty(self.num_envs, dtype=np.bool_)
-        _advance_envs(
-            self._history,
-            self._preceding,
-            self._steps,
-            actions,
-            self._jerk_weight,
-            self._commanded,
-            cost,
-            terminated,
+        return _advance_envs(
+            self._history, self._preceding, self._steps, actions, self._jerk_weight, self._commanded
         )
-        return cost, terminated
 
     def _applied(self, actions: np.ndarray) -> np.ndarray:
         before = self._history[:, 9:]
@@ -116,11 +100,11 @@ def _advance_envs(
     actions: np.ndarray,
     jerk_weight: float,
     commanded: bool,
-    cost: np.ndarray,
-    terminated: np.ndarray,
-) -> None:
-    """Advance every environment by one step, in place; fill cost (n,) and terminated (n,)."""
-    for env_index in range(history.shape[0]):
+) -> tuple[np.ndarray, np.ndarray]:
+    """Advance every environment by one step, in place; return cost (n,) and terminated (n,)."""
+    n = history.shape[0]
+    cost, terminated = np.empty(n), np.empty(n, dtype=np.bool_)
+    for env_index in range(n):
         x = history[env_index]
         dd, dv, af, previous = x[0], x[1], x[2], x[9]
         # An environment past its time limit goes on with its last draw.
@@ -142,6 +126,7 @@ def _advance_envs(
         over = abs(dd) > MAX_CLEARANCE_ERROR or abs(dv) > MAX_SPEED_ERROR
         cost[env_index] = r + TERMINATION_COST if over else r
         terminated[env_index] = over
+    return cost, terminated
 
 
 def demonstration_profile(steps: int) -> np.ndarray:

@@ -70,13 +70,16 @@ def designed(
     today, remarks = _today(design, baseline)
     timed = [spec.max for spec in specs if spec.name in OF_THE_STEP and spec.unit == "s"]
     limit = max([0.0, *(limit for limit in timed if limit is not None)])
-    delay = max(design.dead_times)
+    longest, delay = MAX_STEPS * design.sample_time, max(design.dead_times)
     remarks += [
         f"{spec} <= {spec.max:g} s: nothing settles within the dead time, {delay:g} s."
         for spec in specs
         if spec.name == "settling_time" and spec.max is not None and spec.max <= delay
     ]
-    _long_enough(design, limit)
+    if 2.0 * delay > longest:  # what feedback does is seen after a second dead time
+        raise _too_fast(design, f"the dead time is {delay:g} s", 10.0 * delay)
+    if limit > longest:
+        raise _too_fast(design, f"a spec allows {limit:g} s", LONGER * limit)
     tried = [*([today] if today else []), *candidates(design)]
     best, settled = screened(design, tried)
     if settled > MAX_STEPS:
@@ -89,19 +92,6 @@ def designed(
     space = space_around(best, today, design.sample_time)
     task = PidLoop(design.plants, design.pid, space, experiment, today, specs, objective)
     return task, remarks
-
-
-def _long_enough(design: Design, limit: float) -> None:
-    """See that the dead times, and a time that a spec allows [s], fit into an episode's part.
-
-    Raises:
-        ConfigError: If they do not.
-    """
-    longest, dead_time = MAX_STEPS * design.sample_time, max(design.dead_times)
-    if 2.0 * dead_time > longest:  # what feedback does is seen after a second dead time
-        raise _too_fast(design, f"the dead time is {dead_time:g} s", 10.0 * dead_time)
-    if limit > longest:
-        raise _too_fast(design, f"a spec allows {limit:g} s", LONGER * limit)
 
 
 def _refuse_slow_loops(design: Design) -> None:
@@ -140,11 +130,10 @@ def _today(design: Design, baseline: str | Mapping[str, float]) -> tuple[Gains |
     if baseline not in RULES:
         raise ConfigError(f"baseline: unknown rule {baseline!r}; {suggest(baseline, RULES)}")
     reasons: dict[str, None] = {}  # several rules may have the same one
-    for rule in (baseline, *(other for other in RULES if other != baseline)):
-        try:
-            gains = design.by_rule(rule)
-        except ConfigError as error:
-            reasons[str(error)] = None
+    for rule in sorted(RULES, key=lambda rule: rule != baseline):
+        gains = design.by_rule[rule]
+        if isinstance(gains, ConfigError):
+            reasons[str(gains)] = None
             continue
         found = f"the baseline is {rule!r} instead of {baseline!r}: {'; '.join(reasons)}"
         return gains, [found] if reasons else []
@@ -153,23 +142,20 @@ def _today(design: Design, baseline: str | Mapping[str, float]) -> tuple[Gains |
 
 def space_around(best: Gains, today: Gains, sample_time: float) -> ParameterSpace:
     """Return the box that is searched: `best` in its middle, and `today` inside."""
-    return ParameterSpace([_bounds(name, best, today, sample_time) for name in best])
-
-
-def _bounds(name: str, best: Gains, today: Gains, sample_time: float) -> Parameter:
-    """Return bounds with the best screened value in their middle, and today's value inside."""
-    middle, now = best[name], today[name]
-    unit = {"Ki": "1/s", "Kd": "s", "Tf": "s"}.get(name, "")
-    if name == "Tf":
-        middle = max(middle, sample_time / 2)
-    if now * middle > 0:
-        factor = max(WIDTHS[name], 1.1 * now / middle, 1.1 * middle / now)
-        low, high = sorted((middle / factor, middle * factor))
-        return Parameter(name, low, high, "log", unit)
-    # A gain of 0, or of the other sign, has no place on a logarithmic scale.
-    edge = now - 0.05 * abs(now) if middle > 0 else now + 0.05 * abs(now)
-    low, high = sorted((edge, 2.0 * middle - edge))
-    return Parameter(name, low, high, "linear", unit)
+    found = []
+    for name, middle in best.items():
+        now, unit = today[name], {"Ki": "1/s", "Kd": "s", "Tf": "s"}.get(name, "")
+        if name == "Tf":
+            middle = max(middle, sample_time / 2)
+        if now * middle > 0:
+            factor = max(WIDTHS[name], 1.1 * now / middle, 1.1 * middle / now)
+            low, high = sorted((middle / factor, middle * factor))
+            found.append(Parameter(name, low, high, "log", unit))
+        else:  # 0, or of the other sign: no place on a logarithmic scale
+            edge = now - 0.05 * abs(now) if middle > 0 else now + 0.05 * abs(now)
+            low, high = sorted((edge, 2.0 * middle - edge))
+            found.append(Parameter(name, low, high, "linear", unit))
+    return ParameterSpace(found)
 
 
 def widened(space: ParameterSpace, gains: Gains) -> ParameterSpace:
@@ -177,12 +163,9 @@ def widened(space: ParameterSpace, gains: Gains) -> ParameterSpace:
     found = []
     for p, x in zip(space.parameters, space.normalise(gains), strict=True):
         if p.scale == "log" and abs(x) > EDGE:
-            low, high = p.low, p.high
-            if x < 0:
-                low *= 1.0 / WIDTHS[p.name] if low > 0 else WIDTHS[p.name]
-            else:
-                high *= WIDTHS[p.name] if high > 0 else 1.0 / WIDTHS[p.name]
-            p = replace(p, low=low, high=high)
+            end = "low" if x < 0 else "high"
+            factor = WIDTHS[p.name] if x * p.low > 0 else 1.0 / WIDTHS[p.name]
+            p = replace(p, **{end: factor * getattr(p, end)})
         found.append(p)
     return ParameterSpace(found)
 
@@ -190,12 +173,9 @@ def widened(space: ParameterSpace, gains: Gains) -> ParameterSpace:
 def candidates(design: Design) -> list[Gains]:
     """Return gains to screen: of every rule that has an answer, and of the frequency response."""
     found = []
-    for rule in RULES:
-        try:
-            gains = design.by_rule(rule)
-        except ConfigError:
-            continue
-        found += [gains, *_varied(gains)]
+    for gains in design.by_rule.values():
+        if not isinstance(gains, ConfigError):
+            found += [gains, *_varied(gains)]
     system, dead_time = design.systems[0], design.dead_times[0] + design.sample_time / 2
     top = math.pi / design.sample_time
     roots = np.abs(np.concatenate([system.poles(), system.zeros()]))
@@ -206,9 +186,8 @@ def candidates(design: Design) -> list[Gains]:
         td = 0.5 / omega
         gains = {"Kp": kp, "Ki": kp * omega / 4, "Kd": kp * td, "Tf": tuning_rules.FILTER * td}
         found += _varied({name: gains[name] for name in PARAMETERS[design.structure]})
-    for gains in found:
-        if "Tf" in gains:  # half a sample at least
-            gains["Tf"] = max(gains["Tf"], design.sample_time / 2)
+    if "Tf" in PARAMETERS[design.structure]:  # half a sample at least
+        found = [{**gains, "Tf": max(gains["Tf"], design.sample_time / 2)} for gains in found]
     return found
 
 

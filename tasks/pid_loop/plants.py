@@ -24,15 +24,7 @@ RULES = ("simc", "ziegler_nichols", "tyreus_luyben")
 
 @dataclass(frozen=True)
 class Design:
-    """What `zoac.tune_pid` was asked for.
-
-    Args:
-        systems: Continuous python-control systems; the PID is to serve each.
-        dead_times: One per plant [s].
-        sample_time: T_s [s].
-        structure: "P", "PI", "PD" or "PID".
-        input_limits: Smallest and largest input, 0 between them.
-        noise: Standard deviation of the measurement, in the unit of y.
+    """What `zoac.tune_pid` was asked for: its arguments, with a dead time [s] for each system.
 
     Raises:
         ConfigError: If an argument is out of its range.
@@ -77,19 +69,22 @@ class Design:
             for system, dead_time in zip(self.systems, self.dead_times, strict=True)
         ]
 
-    def by_rule(self, rule: str) -> Gains:
-        """Return the gains of a rule: for several plants those of the smallest Kp.
+    @cached_property
+    def by_rule(self) -> dict[str, Gains | ConfigError]:
+        """Gains of each rule, of several plants those of the smallest Kp; or why it has none."""
+        return {rule: self._answer(rule) for rule in RULES}
 
-        Raises:
-            ConfigError: If the rule is unknown or has no answer for a plant.
-        """
-        found = [
-            tuning_rules.gains(rule, system, self.structure, dead_time, self.sample_time)
-            for system, dead_time in zip(self.systems, self.dead_times, strict=True)
-        ]
+    def _answer(self, rule: str) -> Gains | ConfigError:
+        try:
+            found = [
+                tuning_rules.gains(rule, system, self.structure, dead_time, self.sample_time)
+                for system, dead_time in zip(self.systems, self.dead_times, strict=True)
+            ]
+        except ConfigError as error:
+            return error
         weakest = min(found, key=lambda gains: abs(gains["Kp"]))
         if not (weakest["Kp"] and all(map(math.isfinite, weakest.values()))):
-            raise ConfigError(f"{rule} gives Kp={weakest['Kp']:g} here, which is no gain to use")
+            return ConfigError(f"{rule} gives Kp={weakest['Kp']:g} here, which is no gain to use")
         return {name: float(weakest[name]) for name in PARAMETERS[self.structure]}
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from zoac import specs as requirements
 from zoac.controllers.pid import PID
 from zoac.controllers.pid_loop import ClosedLoop, SampledLoop
 from zoac.core.errors import ConfigError, suggest
-from zoac.core.segments import Segment
 from zoac.specs.signals import Episode, Signal
 from zoac.specs.spec import Spec
 
@@ -69,31 +67,21 @@ def fitted(spec: Spec, loops: LoopsOf, load_at: float) -> Spec:
     """
     if spec.of_loop and spec.loop is None:
         worst = min if spec.max is None else max
-        return replace(spec, figure=partial(_of_loops, spec.name, worst), loop=loops)
+        return replace(
+            spec,
+            figure=lambda of: float(worst(getattr(loop, spec.name)() for loop in of)),
+            loop=loops,
+        )
     if spec.name in OF_THE_STEP and spec.window is None:
         return replace(spec, window=(0.0, load_at))
     return spec
 
 
-def _of_loops(name: str, worst: Any, loops: Sequence[ClosedLoop]) -> float:
-    return float(worst(getattr(loop, name)() for loop in loops))
-
-
 def signals_of(loops: int, which: Sequence[int]) -> dict[str, Signal]:
-    """Return y, without its noise, r and u of some of m loops side by side.
-
-    Args:
-        loops: m.
-        which: Their numbers.
-    """
-    chosen = np.array(which)
+    """Return y, without its noise, r and u of the loops `which` of so many side by side."""
+    chosen = np.squeeze(np.array(which, dtype=int))  # of a single loop (T,), not (T, 1)
     return {
-        "y": Signal("output", partial(_columns, "observations", 2 * loops + chosen)),
-        "r": Signal("reference", partial(_columns, "observations", loops + chosen)),
-        "u": Signal("input", partial(_columns, "actions", chosen)),
+        "y": Signal("output", lambda s: s.observations[:, 2 * loops + chosen]),
+        "r": Signal("reference", lambda s: s.observations[:, loops + chosen]),
+        "u": Signal("input", lambda s: s.actions[:, chosen]),
     }
-
-
-def _columns(of: str, which: np.ndarray, segment: Segment) -> np.ndarray:
-    samples: np.ndarray = getattr(segment, of)[:, which]
-    return samples if len(which) > 1 else samples[:, 0]

@@ -68,9 +68,7 @@ class PidLoop(Task):
         """
         Args:
             plants: From `zoac.envs.linear_loop.sampled`, all of one sample time.
-            pid: The controller's structure.
-            space: Of its gains, in the form of `pid`.
-            experiment: What one episode is.
+            space: Of the gains, in the form of `pid`.
             baseline: Present gains.
             specs: Hard specs of `y`, `r` and `u`, and of the loop.
             objective: "iae", "ise" or "itae" of `y` and `r`, or a spec without a limit.

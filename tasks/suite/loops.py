@@ -20,13 +20,10 @@ class Plant:
     """One plant of the suite.
 
     Args:
-        index: Number in the suite.
         kind: One of `CLASSES`.
         system: Continuous, without its dead time.
         dead_time: A multiple of a quarter of the sample time [s].
         sample_time: [s].
-        structure: "PI" or "PID".
-        input_limits: Smallest and largest input.
         noise: Standard deviation of the measurement; the reference's step is 1.
         scale: Sum of time constants and dead time [s].
     """

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
-
 import numpy as np
 
 from zoac.controllers.neural import linear
@@ -22,8 +20,6 @@ LANDER = {
     "main_above": 0.05, "side_above": 0.05,
 }  # fmt: skip
 """The numbers of Gymnasium's own heuristic (`gymnasium.envs.box2d.lunar_lander.heuristic`)."""
-
-LANDER_STEPS = 400
 
 
 def built_in(name: str, mpc_solver: str | None) -> Task:
@@ -49,7 +45,7 @@ def loop(index: Natural) -> Task:
         [plant.system], [plant.dead_time], plant.sample_time, plant.structure, plant.input_limits,
         plant.noise,
     )  # fmt: skip
-    task = copy(designed(design, "simc")[0])
+    task, _ = designed(design, "simc")
     task.specs, task.signals = (), {}  # the environment's own cost is that integral
     task.baseline = None
     return task
@@ -119,5 +115,5 @@ def lander() -> Task:
         env="LunarLander-v3",
         controller=land,
         space=dict.fromkeys(LANDER, (0.0, 1.2)),
-        max_episode_steps=LANDER_STEPS,
+        max_episode_steps=400,
     )

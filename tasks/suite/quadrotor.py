@@ -49,13 +49,6 @@ def _rotation(q: np.ndarray) -> np.ndarray:
 
 
 @compiled()
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.array(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
-
-
-@compiled()
 def rates(state: np.ndarray, command: np.ndarray, wind: np.ndarray) -> np.ndarray:
     """Return the derivative (17,) of position, velocity, quaternion, body rates, rotor speeds.
 
@@ -71,19 +64,19 @@ def rates(state: np.ndarray, command: np.ndarray, wind: np.ndarray) -> np.ndarra
     moment = np.zeros(3)
     for r in range(4):
         arm = np.array([ROTORS[r, 0], ROTORS[r, 1], 0.0])
-        local = air + _cross(w, arm)
+        local = air + np.cross(w, arm)
         pull = -speeds[r] * ROTOR_DRAG * local
         pull[2] += LIFT * speeds[r] ** 2 + TRANSLATIONAL_LIFT * (local[0] ** 2 + local[1] ** 2)
         force += pull
-        moment += _cross(arm, pull)
+        moment += np.cross(arm, pull)
         moment[2] += SPIN[r] * TORQUE * speeds[r] ** 2
     out = np.empty(17)
     out[0:3] = v
     out[3:6] = turn @ force / MASS
     out[5] -= GRAVITY
-    out[6:9] = 0.5 * (q[3] * w + _cross(q[:3], w))
+    out[6:9] = 0.5 * (q[3] * w + np.cross(q[:3], w))
     out[9] = -0.5 * (q[:3] * w).sum()
-    out[10:13] = (moment - _cross(w, INERTIA * w)) / INERTIA
+    out[10:13] = (moment - np.cross(w, INERTIA * w)) / INERTIA
     out[13:17] = (command - speeds) / MOTOR_LAG
     return out
 
@@ -118,13 +111,13 @@ def rotor_speeds(gains: np.ndarray, state: np.ndarray, reference: np.ndarray) ->
     wanted = MASS * (wanted + np.array([0.0, 0.0, GRAVITY]))
     turn = _rotation(state[6:10])
     up = wanted / np.sqrt((wanted * wanted).sum())
-    left = _cross(up, np.array([1.0, 0.0, 0.0]))
+    left = np.cross(up, np.array([1.0, 0.0, 0.0]))
     left /= np.sqrt((left * left).sum())
-    ahead = _cross(left, up)
+    ahead = np.cross(left, up)
     goal = np.stack((ahead, left, up)).T
     skew = 0.5 * (goal.T @ turn - turn.T @ goal)
     tilt = np.array([-skew[1, 2], skew[0, 2], -skew[0, 1]])
-    moment = INERTIA * (-gains[4] * tilt - gains[5] * w) + _cross(w, INERTIA * w)
+    moment = INERTIA * (-gains[4] * tilt - gains[5] * w) + np.cross(w, INERTIA * w)
     squares = UNMIXER @ np.append((wanted * turn[:, 2]).sum(), moment) / LIFT
     return np.sign(squares) * np.sqrt(np.abs(squares))
 

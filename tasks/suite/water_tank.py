@@ -19,7 +19,6 @@ import numpy as np
 
 AREA, OUTFLOW, INFLOW = 20.0, 2.0, 5.0
 SAMPLE_TIME, STEPS = 0.1, 100
-PUBLISHED = {"Kp": 9.8, "Ki": 1e-6}
 SPACE = {"Kp": (0.1, 100.0, "log"), "Ki": (1e-7, 10.0, "log")}
 
 

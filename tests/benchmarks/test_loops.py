@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from benchmarks import loop_plants
 from benchmarks.loop_plants import Experiment, figures, simulate
 from benchmarks.loop_specs import read
 from benchmarks.loops import judged
 from zoac.core.segments import Proposal
+from zoac.pid import tuning
 from zoac.rollout.engine import RolloutEngine
 from zoac.tasks.pid_loop import Design, designed
 from zoac.tasks.suite.loops import draw
@@ -16,9 +18,14 @@ pytest.importorskip("control")
 TABLE = read()
 
 
+@pytest.fixture(autouse=True)
+def coarse(monkeypatch):
+    monkeypatch.setattr(loop_plants, "FREQUENCIES", 1000)
+
+
 def test_the_evidence_in_the_table_meets_its_specs():
     assert len(TABLE) == 100
-    for index in range(0, 100, 15):
+    for index in range(0, 100, 15):  # one of each class
         plant, specs = draw(index), TABLE[index]
         assert specs.broken(plant, specs.evidence, 1, 10) == []
 
@@ -41,7 +48,8 @@ def test_the_other_simulation_agrees_with_what_is_tuned(index):
     assert segment.costs.sum() == pytest.approx(iae, rel=1e-9)
 
 
-def test_a_plant_of_the_suite_gets_its_specs_and_beats_the_rules():
+def test_a_plant_of_the_suite_gets_its_specs_and_beats_the_rules(monkeypatch):
+    monkeypatch.setattr(tuning, "EPISODES", 500)
     verdict = judged(draw(0), TABLE[0])
     assert verdict.broken == ""
     assert set(verdict.against.values()) == {"better"}

@@ -12,7 +12,6 @@ FOLDER = Path(__file__).parents[2] / "examples"
 MORE = {
     "pendulum_pd": ["--episodes", "2"],
     "memory_controller": ["--out", "gains.h"],
-    "cartpole_mpc": ["--budget", "1000"],  # of which a fraction chooses among candidates
 }
 
 
@@ -24,12 +23,13 @@ OTHERS = sorted(path for path in FOLDER.glob("*.py") if path.stem not in OF_THE_
 @pytest.mark.parametrize("path", OTHERS, ids=lambda path: path.stem)
 def test_it_runs_and_prints_what_it_found(path, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", [path.name, "--budget", "500", *MORE.get(path.stem, [])])
-    quick = {"episodes": 1, "final_episodes": 2, "eval_every": 500, "num_envs": 2}
+    monkeypatch.setattr(sys, "argv", [path.name, "--budget", "240", *MORE.get(path.stem, [])])
+    quick = {"episodes": 1, "final_episodes": 1, "eval_every": 240, "num_envs": 2}
     tune = zoac.tune
 
     def short(**options):
-        options["budget"] = min(options.get("budget", 500), 1000)
+        options["budget"] = min(options.get("budget", 240), 480)
+        options["max_episode_steps"] = min(options.get("max_episode_steps") or 20, 20)
         return tune(**{**quick, **options})
 
     monkeypatch.setattr(zoac, "tune", short)

@@ -6,12 +6,17 @@ import pytest
 from zoac.core.errors import ConfigError
 from zoac.core.segments import Proposal
 from zoac.rollout.engine import RolloutEngine
-from zoac.tasks.pid_loop import Design, designed
+from zoac.tasks.pid_loop import Design, design, designed
 
 control = pytest.importorskip("control")
 
 HEATED, COOLED = control.tf([2], [1, 1]), control.tf([-2], [1, 1])
 FILLED, DRAINED = control.tf([1], [1, 0]), control.tf([-1], [1, 0])
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    monkeypatch.setattr(design, "MAX_STEPS", 200)
 
 
 def loop(plants, limits):

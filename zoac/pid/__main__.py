@@ -48,10 +48,9 @@ def from_file(path: str | Path) -> PidResult:
     export = given.pop("export", None)
     if export is not None:
         writable(export)  # known before tuning
-    plants = given.pop("plant")
-    several = isinstance(plants, list)
-    systems = [_system(plant) for plant in (plants if several else [plants])]
-    result = tune_pid(systems if several else systems[0], **given)
+    plant = given.pop("plant")
+    plant = [_system(one) for one in plant] if isinstance(plant, list) else _system(plant)
+    result = tune_pid(plant, **given)
     if export is not None:
         result.export(export)
     return result

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -173,18 +173,19 @@ def tune_pid(
             if not is_number(value) or value:
                 raise ConfigError(f"{name}={value!r}: an environment has its own")
         pid = PID(sample_time=sample_time, r=1, output_limits=limits)
-        return _in_environment(plant, pid, structure, required, objective, baseline, seed)
+        in_environment = _in_environment(plant, pid, structure, required, objective, baseline)
+        return _tuned(in_environment, pid, EPISODES_IN_ENVIRONMENT, seed, [])
     dead_times = _dead_times(dead_time, len(systems))
     design = Design(systems, dead_times, sample_time, structure, limits, noise)
     task, remarks = designed(design, baseline, required, objective)
     result = _tuned(task, task.pid, EPISODES, seed, remarks)
     space = widened(task.space, result.parameters)
-    if not result.feasible and space.parameters != task.space.parameters:
-        task = PidLoop(
-            task.plants, task.pid, space, task.experiment, task.baseline, required, objective
-        )
-        result = _tuned(task, task.pid, EPISODES, seed, remarks)
-    return _with_stability(result, task)
+    if result.run.feasible or space.parameters == task.space.parameters:
+        return result
+    task = PidLoop(
+        task.plants, task.pid, space, task.experiment, task.baseline, required, objective
+    )
+    return _tuned(task, task.pid, EPISODES, seed, remarks)
 
 
 def _dead_times(given: Any, plants: int) -> list[float]:
@@ -198,17 +199,6 @@ def _dead_times(given: Any, plants: int) -> list[float]:
     return list(given)
 
 
-def _with_stability(result: PidResult, task: PidLoop) -> PidResult:
-    """Return a result that says which gains leave a loop unstable.
-
-    A loop that diverges slowly may keep every spec as long as an episode lasts.
-    """
-    stable = task.is_stable(result.parameters)
-    first = [] if stable else [UNSTABLE]
-    last = [] if task.is_stable(result.baseline) else ["The loop with the baseline is not stable."]
-    return replace(result, stable=stable, warnings=[*first, *result.warnings, *last])
-
-
 def _in_environment(
     env: EnvSource,
     pid: PID,
@@ -216,16 +206,15 @@ def _in_environment(
     specs: Sequence[Spec],
     objective: str | Spec,
     baseline: str | Mapping[str, float],
-    seed: int,
-) -> PidResult:
-    """Tune a PID in a user's environment; see `tune_pid`."""
+) -> Task:
+    """Return a PID in a user's environment as a task; see `tune_pid`."""
     if isinstance(baseline, str):
         raise ConfigError(
             f"baseline={baseline!r}: rules need a system of python-control; for an environment "
             "give the gains of today, such as {'Kp': 1.0, 'Ki': 0.5}"
         )
     gains = gains_of(structure, baseline)
-    task = user_task(
+    return user_task(
         env=env,
         controller=pid,
         space=space_around(gains, gains, pid.sample_time),
@@ -235,18 +224,17 @@ def _in_environment(
         specs=specs,
         objective=objective_of(objective, 1),
     )
-    return _tuned(task, pid, EPISODES_IN_ENVIRONMENT, seed, [])
 
 
 def _tuned(task: Task, pid: PID, episodes: int, seed: int, remarks: list[str]) -> PidResult:
     """Tune a task, the baseline among the candidates for the answer."""
-    alone = task.space.dimension == 1  # CMA-ES needs two parameters or more
     options: dict[str, Any] = {
         "start": "middle",
         "recommendation": "reevaluated",
         "reevaluate_top": 30,
         "reevaluate_fraction": 0.2,
     }
+    alone = task.space.dimension == 1  # CMA-ES needs two parameters or more
     if not alone:
         options |= {"population": POPULATION, "initial_sigma": 0.5}
     run = tune(
@@ -263,5 +251,11 @@ def _tuned(task: Task, pid: PID, episodes: int, seed: int, remarks: list[str]) -
         quiet=True,
     )
     assert task.baseline is not None
-    warnings = [*remarks, *run.warnings]
-    return PidResult(run.parameters, dict(task.baseline), pid, run, warnings)
+    warnings, stable = [*remarks, *run.warnings], True
+    if isinstance(task, PidLoop):
+        # A loop that diverges slowly may keep every spec as long as an episode lasts.
+        stable = task.is_stable(run.parameters)
+        warnings = warnings if stable else [UNSTABLE, *warnings]
+        if not task.is_stable(task.baseline):
+            warnings.append("The loop with the baseline is not stable.")
+    return PidResult(run.parameters, dict(task.baseline), pid, run, warnings, stable)
