@@ -14,18 +14,23 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import Field
+
+from zoac.config.settings import whole_numbers
+from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, ZoacError
-from zoac.core.types import Count, Natural, Positive, is_number
+from zoac.core.types import Count, Natural
 from zoac.rollout.executors import guard
-from zoac.study.state.settings import seconds
 
 FILE = "{file}"
 """Stands for the path of a file with the parameters, in the program's arguments."""
 
 MAX_TIMEOUT = 2_000_000
 """Seconds, 23 days: the operating system waits for no more than 2^31 ms."""
+
+Timeout = Annotated[float, Field(gt=0, le=MAX_TIMEOUT)]
 
 LAST_LINES = 5
 """Lines of a failed program's output that the message shows."""
@@ -51,7 +56,7 @@ class ProgramTask:
     baseline: dict[str, Any] | None = None
     constraints: dict[str, float] | None = None
     experiments: Count = 60
-    timeout: Positive | None = None
+    timeout: Timeout | None = None
     retries: Natural = 0
     cwd: str | None = None
 
@@ -171,8 +176,8 @@ class Program:
 def program(
     command: Sequence[str] | str,
     *,
-    timeout: float | None = None,
-    retries: int = 0,
+    timeout: Timeout | None = None,
+    retries: Natural = 0,
     cwd: str | Path | None = None,
 ) -> Program:
     """Return an external program as a cost for `zoac.tune(cost=...)`.
@@ -200,11 +205,8 @@ def program(
         raise ConfigError(
             f"program: {command!r} is no command; expected one such as ['./simulate', '--quick']"
         )
-    seconds("timeout", timeout, MAX_TIMEOUT)
-    if not is_number(retries) or retries % 1 or retries < 0:
-        raise ConfigError(f"program: retries={retries!r}, expected a whole number, 0 or more")
-    if not isinstance(cwd, str | Path | None):
-        raise ConfigError(f"program: cwd={cwd!r}, expected a folder")
+    options = whole_numbers(program, {"timeout": timeout, "retries": retries})
+    check_arguments(program, {"command": words, "cwd": cwd, **options}, "program")
     folder = Path(cwd or ".").expanduser()
     if not folder.is_dir():
         raise ConfigError(f"program: there is no folder {str(folder)!r}")
@@ -216,7 +218,7 @@ def program(
             f"program: {words[0]!r} is not found or may not be executed; expected a program "
             "on the path, or its path, such as './simulate'"
         )
-    return Program(words, timeout, int(retries), folder)
+    return Program(words, options["timeout"], options["retries"], folder)
 
 
 def _object(output: bytes) -> dict[str, Any] | None:

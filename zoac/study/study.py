@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from zoac.config.settings import whole_numbers
 from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, TrialsPending
 from zoac.core.parameters import ParameterSpace
-from zoac.core.types import is_number
+from zoac.core.types import Count, Natural, Positive, is_number
 from zoac.runs.export import export
 from zoac.runs.schema import is_done
 from zoac.specs.spec import Spec
@@ -28,6 +29,13 @@ from zoac.study.state.trial import Trial, measured, number_of, reason_of
 
 if TYPE_CHECKING:
     import pandas as pd
+
+NUMBERS = ("experiments", "seed", "workers", "trial_timeout")
+CHECKED = ("tuner", "tuner_options", "folder", "name", "variant", "baseline_first", *NUMBERS)
+"""Arguments of `Study` that are checked by their type hints."""
+
+NO_SETTINGS = ("self", "space", "folder", "trial_timeout", "name", "variant")
+"""Arguments of `Study` that may differ where a study goes on."""
 
 
 class Study:
@@ -50,9 +58,9 @@ class Study:
         folder: str | Path | None = None,
         *,
         tuner: str = "auto",
-        experiments: int = 60,
-        seed: int = 0,
-        workers: int = 1,
+        experiments: Count = 60,
+        seed: Natural = 0,
+        workers: Count = 1,
         baseline: Mapping[str, Any] | None = None,
         baseline_first: bool = True,
         constraints: Mapping[str, float] | None = None,
@@ -61,7 +69,7 @@ class Study:
         initial_sigma: float | None = None,
         initial_samples: int | None = None,
         tuner_options: Mapping[str, Any] | None = None,
-        trial_timeout: float | None = None,
+        trial_timeout: Positive | None = None,
         name: str | None = None,
         variant: str | None = None,
     ) -> None:
@@ -96,29 +104,24 @@ class Study:
             ConfigError: If something given cannot be used.
             RunFolderError: If the folder holds another study, or cannot be used.
         """
-        text = {"tuner": tuner, "folder": folder, "name": name, "variant": variant}
-        others = {"tuner_options": tuner_options, "baseline_first": baseline_first}
-        check_arguments(Study, {**text, **others}, "")
+        given = dict(locals())
+        given |= whole_numbers(Study.__init__, {name: given[name] for name in NUMBERS})
+        check_arguments(Study, {name: given[name] for name in CHECKED}, "")
         if space is None and folder is None:
             raise ConfigError("a study needs a space, or the folder of one that was begun")
         self.folder = path = Path(folder or tempfile.mkdtemp(prefix="zoac-study-")).expanduser()
-        given: dict[str, Any] = {
-            "tuner": tuner, "tuner_options": tuner_options, "experiments": experiments,
-            "workers": workers, "seed": seed, "baseline": baseline,
-            "baseline_first": baseline_first, "constraints": constraints, "specs": specs,
-            "acceptance_test": acceptance_test, "initial_sigma": initial_sigma,
-            "initial_samples": initial_samples,
-        }  # fmt: skip
+        of_study = {key: value for key, value in given.items() if key not in NO_SETTINGS}
         usual = inspect.signature(Study).parameters
-        extra = [name for name, value in given.items() if value is not usual[name].default]
+        extra = [key for key, value in of_study.items() if value is not usual[key].default]
         if space is None and extra:
             raise ConfigError(
                 f"{', '.join(extra)}: a study that is opened by its folder alone keeps its own "
                 "settings; give the space too, or leave this out"
             )
-        settings = None if space is None else new_settings(space, **given)
+        settings = None if space is None else new_settings(space, **of_study)
         called = {"task": name or path.resolve().name, "variant": variant}
-        self.settings, self.trial_timeout = files.opened(path, settings, trial_timeout, called)
+        limit = given["trial_timeout"]
+        self.settings, self.trial_timeout = files.opened(path, settings, limit, called)
         self._ledger = Ledger(path, self.settings.limits)
         if self.finished and not is_done(path):  # killed before the result was written
             with self._ledger.writing():

@@ -22,7 +22,7 @@ from zoac.runs import schema
 from zoac.runs.lock import locked
 from zoac.runs.provenance import here_and_now
 from zoac.study.proposals import check
-from zoac.study.state.settings import StudySettings, seconds
+from zoac.study.state.settings import StudySettings
 from zoac.study.state.trial import Trial
 
 
@@ -45,10 +45,9 @@ def opened(
         ConfigError: If the settings cannot be used.
         RunFolderError: If the folder holds something else, or cannot be used.
     """
-    seconds("trial_timeout", trial_timeout)
-    if settings is not None:
+    if settings is not None and not (folder / schema.RUN).exists():
         _begin(folder, settings, trial_timeout, called)
-    elif not (folder / schema.RUN).is_file():
+    if not (folder / schema.RUN).is_file():
         raise RunFolderError(f"there is no study in {folder}; create it, or name its folder")
     record = schema.read_run(folder)
     if "study" not in record:
@@ -69,9 +68,7 @@ def _begin(
     trial_timeout: float | None,
     called: Mapping[str, str | None],
 ) -> None:
-    """Write `run.json` unless there is one."""
-    if (folder / schema.RUN).exists():
-        return
+    """Write `run.json`, unless another process does so first."""
     tuner = check(settings)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -76,11 +75,7 @@ def new_settings(
     parsed, fixed, values = parse_space(space, baseline)
     _refuse_not_finite("space", fixed)
     _refuse_not_finite("tuner_options", tuner_options or {})
-    for name, value, least in (("experiments", experiments, 1), ("seed", seed, 0),
-                               ("workers", workers, 1)):  # fmt: skip
-        if not is_number(value) or value % 1 or value < least:
-            raise ConfigError(f"{name}={value!r}: expected a whole number, {least} or more")
-    named = _tuner(tuner, parsed.dimension, int(experiments), int(workers))
+    named = _tuner(tuner, parsed.dimension, experiments, workers)
     node = configuration(task=None, tuner=named)["tuner"]
     options = dict(tuner_options or {})
     if values and "start" in node:
@@ -98,20 +93,13 @@ def new_settings(
             "specs": [as_plain(spec) for spec in specs_of(specs)],
         },
         "tuner": {**node, **options},
-        "seed": int(seed),
-        "budget": int(experiments),
-        "num_envs": int(workers),
+        "seed": seed,
+        "budget": experiments,
+        "num_envs": workers,
         "baseline_first": baseline_first and bool(values),
         **others,
     }
     return StudySettings(schema.plain(config), named)
-
-
-def seconds(name: str, value: Any, most: float = sys.float_info.max) -> None:
-    """Refuse what is neither None nor a number of seconds above zero, `most` at the most."""
-    if value is not None and not (is_number(value) and 0 < value <= most):
-        limit = f" and at most {most:g}" if most < sys.float_info.max else ""
-        raise ConfigError(f"{name}={value!r}: expected seconds, above zero{limit}, or None")
 
 
 def _tuner(name: str, dimension: int, experiments: int, workers: int) -> str:
