@@ -117,14 +117,11 @@ class Program:
                 output, errors = process.communicate(given, self.timeout)
             except subprocess.TimeoutExpired:
                 guard.kill(process)
-                output, errors = process.communicate()
-                raise self._failed(
-                    f"did not end within {self.timeout:g} s", output, errors
-                ) from None
+                late = f"did not end within {self.timeout:g} s"
+                raise self._failed(late, *process.communicate()) from None
         if process.returncode:
             raise self._failed(_exit(process.returncode), output, errors)
-        answer = _object(output)
-        if answer is None:
+        if (answer := _object(output)) is None:
             raise self._failed("did not answer with a JSON object", output, errors)
         return answer
 
@@ -142,29 +139,22 @@ class Program:
     @contextmanager
     def _started(self, words: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
         """Yield the running program; when this is left, neither it nor a child of it runs."""
+        pipe = subprocess.PIPE
         with self._mutex:
             if self._stopped:
                 raise ProgramError("stopped")
             try:
-                process = guard.started(
-                    words,
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    stderr=subprocess.PIPE,
-                    cwd=self._cwd,
-                )
+                process = guard.started(words, stdin=pipe, stdout=pipe, stderr=pipe, cwd=self._cwd)
             except OSError as error:
                 raise ProgramError(f"cannot start {words[0]!r}: {error.strerror}") from None
             self._running.add(process)
-        try:
-            with process:  # which closes its pipes and waits
-                try:
-                    yield process
-                finally:
-                    guard.kill(process)
-        finally:
-            with self._mutex:
-                self._running.discard(process)
+        with process:  # which closes its pipes and waits
+            try:
+                yield process
+            finally:
+                guard.kill(process)
+                with self._mutex:
+                    self._running.discard(process)
 
     def _failed(self, what: str, output: bytes, errors: bytes) -> ProgramError:
         said = (errors.strip() or output.strip()).decode(errors="replace").splitlines()
