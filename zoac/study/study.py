@@ -299,4 +299,6 @@ class Study:
         """Write the result of a study that is finished; the lock must be held."""
         succeeded = any(trial.state == "told" for trial in self.trials)
         if self.finished and succeeded and not is_done(self.folder):
-            files.write_result(self.folder, self.settings, self.trials, self.best, self.outcome)
+            trials, (best, outcome) = self.trials, self._conclusion
+            found = {**files.result(self.settings, trials, best), **outcome}
+            files.write_result(self.folder, found, trials, best)

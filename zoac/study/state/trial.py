@@ -61,13 +61,14 @@ class Trial:
         """Whether no result is known yet."""
         return self.state == "pending"
 
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Violation and cost: the least is the best."""
+        return self.violation, math.inf if self.cost is None else self.cost
+
 
 def number_of(given: Any) -> int:
-    """Return the number of a trial, which is given by itself or by its number.
-
-    Raises:
-        StudyError: If it is neither.
-    """
+    """Return the number of a trial, which is given by itself or by its number."""
     number = given.number if isinstance(given, Trial) else given
     if not is_number(number) or number % 1:
         raise StudyError(f"there is no trial {given!r}; expected a trial or its number")
@@ -75,11 +76,7 @@ def number_of(given: Any) -> int:
 
 
 def reason_of(given: Any) -> dict[str, Any]:
-    """Return why an experiment has no cost, as the journal's row holds it.
-
-    Raises:
-        ConfigError: If it is neither text nor an exception.
-    """
+    """Return why an experiment has no cost, as the journal's row holds it."""
     if isinstance(given, Exception):
         given = as_text(given)
     if not isinstance(given, str):
@@ -169,16 +166,9 @@ def violation(constraints: Mapping[str, float], limits: Mapping[str, float]) -> 
 
     Each counts as `graded` by its excess relative to the limit. A constraint without a limit has
     the limit 0, and an excess of 1 then counts as v = 1.
-
-    Args:
-        constraints: Measured values by name.
-        limits: By name.
     """
-    total = 0.0
-    for name, value in constraints.items():
-        limit = limits.get(name, 0.0)
-        total += graded((value - limit) / (abs(limit) or 1.0))
-    return total
+    above = ((value, limits.get(name, 0.0)) for name, value in constraints.items())
+    return sum(graded((value - limit) / (abs(limit) or 1.0)) for value, limit in above)
 
 
 def ended(trial: Trial, row: Mapping[str, Any], limits: Mapping[str, float]) -> Trial:
