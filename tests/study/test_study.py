@@ -40,8 +40,7 @@ def cost(p):
     return (p["kp"] - 3.0) ** 2 + p["ki"] + (p["mode"] == "slow")
 
 
-QUICK = {name: {"initial_design": 25} for name in ("optuna", "botorch", "smac")}
-QUICK["bo"] = {"initial_design": 20}
+QUICK = {name: {"initial_design": 27} for name in ("optuna", "botorch", "smac", "bo")}
 """Fewer models, which take the time."""
 
 
@@ -83,7 +82,7 @@ def test_every_experiment_is_asked_once_and_the_baseline_first(tuner, tmp_path):
         assert repeated == [1]  # the tuner's own first point is not measured twice
 
 
-@pytest.mark.parametrize("tuner", ["cmaes", "cmaes_full", "optuna", "random", "nevergrad"])
+@pytest.mark.parametrize("tuner", ["cmaes_full", "optuna", "random"])
 def test_neither_order_nor_restarts_change_what_is_asked(tuner, tmp_path):
     whole = study(tmp_path / "whole", tuner=tuner)
     for trial in whole:
@@ -109,7 +108,7 @@ def test_neither_order_nor_restarts_change_what_is_asked(tuner, tmp_path):
 
 
 def test_failures_teach_the_tuner():
-    made = study(tuner="cmaes_full", experiments=120, seed=1)
+    made = study(tuner="cmaes_full", experiments=100, seed=1)
     for trial in made:
         if trial.parameters["kp"] > 6.0:
             made.tell(trial, failed="unstable")
@@ -133,6 +132,13 @@ def test_the_first_ten_all_failing_stops_it():
     for _ in range(10):
         one_good.tell(one_good.ask(), failed="no licence")
     assert one_good.ask().number == 12
+
+
+def test_a_result_is_on_the_disk_when_it_was_told(synchronised):
+    made = study()
+    trial, before = made.ask(), len(synchronised)
+    made.tell(trial, 1.0)
+    assert len(synchronised) == before + 1
 
 
 def test_a_result_counts_once_and_another_is_refused(tmp_path):
@@ -327,7 +333,7 @@ def test_a_line_that_a_crash_cut_is_survived(tmp_path):
     made.tell(2, 2.0)
     content = (tmp_path / JOURNAL).read_bytes()
     lines = content.splitlines(keepends=True)
-    for cut in range(1, len(lines[-1])):
+    for cut in (1, len(lines[-1]) // 2, len(lines[-1]) - 1):
         (tmp_path / JOURNAL).write_bytes(b"".join(lines[:-1]) + lines[-1][:cut])
         again = Study(folder=tmp_path)
         assert [t.state for t in again.trials] == ["told", "pending", "pending"]
@@ -364,7 +370,7 @@ def test_a_journal_that_became_shorter_is_refused(tmp_path):
 
 
 def test_processes_at_once_lose_and_double_nothing(tmp_path):
-    study(tmp_path, tuner="random", experiments=60)
+    study(tmp_path, tuner="random", experiments=40)
     code = f"""
 import os, time
 from zoac.study.study import Study
@@ -376,14 +382,14 @@ for trial in study:
     study.tell(trial, trial.parameters["kp"])
     print(trial.number)
 """
-    running = [commands.Started("-c", code, cwd=tmp_path) for _ in range(4)]
-    while len(list(tmp_path.glob("ready-*"))) < 4:
+    running = [commands.Started("-c", code, cwd=tmp_path) for _ in range(3)]
+    while len(list(tmp_path.glob("ready-*"))) < 3:
         assert all(process.poll() is None for process in running)
         time.sleep(0.01)
     (tmp_path / "go").touch()
     numbers = [int(n) for process in running for n in process.communicate()[0].split()]
-    assert sorted(numbers) == list(range(1, 61))
-    assert [process.returncode for process in running] == [0] * 4
+    assert sorted(numbers) == list(range(1, 41))
+    assert [process.returncode for process in running] == [0] * 3
     made = Study(folder=tmp_path)
     assert [t.cost for t in made.trials] == [t.parameters["kp"] for t in made.trials]
     assert made.finished
