@@ -123,9 +123,8 @@ def test_what_cannot_judge_a_trace_is_refused():
     ("text", "says"),
     [
         ("3", "specs.yaml: expected entries by name, or a list"),
-        ("- overshoot", "'overshoot' is no spec; expected one such as {name: overshoot, signals"),
-        ("- {name: iae, max: 1}", "'max': 1} has no signals; expected a spec such as {name: overs"),
-        ("- {max: 1}", "{'max': 1} has no name and no signals"),
+        ("- overshoot", "'overshoot' is no spec; expected a name and signals, such as {name: over"),
+        ("- {name: iae, max: 1}", "'max': 1} is no spec; expected a name and signals, such as {na"),
         ("- {name: iae, signals: 3}", "signals=3, expected a list of the columns that are y, r"),
         ("- {name: rms, signals: [3]}", "signals=[3], expected a list of the columns that are y"),
         ("- {name: rms, signals: [y, r]}", "signals=['y', 'r'], expected a list of the columns"),

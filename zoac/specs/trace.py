@@ -112,12 +112,8 @@ def as_plain(spec: Spec) -> dict[str, Any]:
 
 def from_plain(given: Mapping[str, Any]) -> Spec:
     """Return the spec that `as_plain` wrote, or that a file holds likewise."""
-    if not isinstance(given, Mapping):
-        raise ConfigError(f"{given!r} is no spec; expected one {EXAMPLE}")
-    if missing := [key for key in ("name", "signals") if key not in given]:
-        raise ConfigError(
-            f"{dict(given)!r} has no {' and no '.join(missing)}; expected a spec {EXAMPLE}"
-        )
+    if not (isinstance(given, Mapping) and {"name", "signals"} <= given.keys()):
+        raise ConfigError(f"{given!r} is no spec; expected a name and signals, {EXAMPLE}")
     options = dict(given)
     name, signals = options.pop("name"), options.pop("signals")
     known = {k: v for k, v in vars(requirements).items() if k[0] != "_" and hasattr(step_info, k)}
