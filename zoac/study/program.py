@@ -61,11 +61,7 @@ class ProgramTask:
     cwd: str | None = None
 
     def cost(self) -> Program:
-        """Return the program.
-
-        Raises:
-            ConfigError: If it is not named, or cannot be run.
-        """
+        """Return the program; a `ConfigError` if it is not named, or cannot be run."""
         if self.command is None:
             raise ConfigError(
                 "task.command: a value is needed, the program and its arguments, such as "
@@ -90,11 +86,7 @@ class Program:
         self._stopped = False
 
     def __call__(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Run the program with parameters; return its answer.
-
-        Raises:
-            ProgramError: If the last attempt failed too.
-        """
+        """Run the program; return its answer. A `ProgramError` if the last attempt failed too."""
         text = json.dumps(dict(parameters))
         for _ in range(self.retries):
             try:

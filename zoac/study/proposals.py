@@ -45,10 +45,6 @@ class Proposals:
     """
 
     def __init__(self, settings: StudySettings) -> None:
-        """
-        Raises:
-            ConfigError: If the tuner cannot be used.
-        """
         self._settings = settings
         space = settings.space
         self._baseline = None if settings.baseline is None else space.normalise(settings.baseline)
@@ -96,9 +92,6 @@ class Proposals:
         Args:
             number: Of the experiment; not below that of the last call.
             results: Returns earlier trials.
-
-        Raises:
-            TrialsPending: If that depends on trials without a result.
         """
         with one_thread():
             while number >= self._first + len(self.batch):
@@ -137,11 +130,7 @@ class Proposals:
 
 
 def check(settings: StudySettings) -> Tuner:
-    """Return the tuner; refuse one whose first batch is larger than what it may spend.
-
-    Raises:
-        ConfigError: If it is, or the tuner cannot be used.
-    """
+    """Return the tuner; refuse one whose first batch is larger than what it may spend."""
     searches = settings.experiments - settings.baseline_first
     Proposals(settings)  # says what is wrong with its settings
     if settings.acceptance_test is not None:

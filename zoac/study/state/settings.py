@@ -66,11 +66,7 @@ def new_settings(
     specs: Sequence[Spec],
     **others: Any,
 ) -> StudySettings:
-    """Return checked settings; see `zoac.study.study.Study` for the arguments.
-
-    Raises:
-        ConfigError: If one of them cannot be used.
-    """
+    """Return checked settings; see `zoac.study.study.Study` for the arguments."""
     check_arguments(Settings, whole_numbers(Settings, others), "")
     parsed, fixed, values = parse_space(space, baseline)
     _refuse_not_finite("space", fixed)
@@ -127,9 +123,7 @@ def _refuse_not_finite(of: str, values: Mapping[str, Any]) -> None:
 def _limits(constraints: Mapping[str, float] | None) -> dict[str, float]:
     if not isinstance(constraints, Mapping | None):
         raise ConfigError(f"constraints={constraints!r}: expected limits by name")
-    limits = {}
     for name, limit in (constraints or {}).items():
         if not is_number(limit) or not math.isfinite(limit):
             raise ConfigError(f"constraint {name!r}: limit={limit!r}, expected a finite number")
-        limits[name] = float(limit)
-    return limits
+    return {name: float(limit) for name, limit in (constraints or {}).items()}
