@@ -115,7 +115,8 @@ def whole_numbers(owner: Callable[..., Any], given: Mapping[str, Any]) -> dict[s
 def _whole(value: Any, hint: Any) -> Any:
     if isinstance(value, np.bool_):
         return bool(value)
-    if not is_number(value):
+    kinds = (hint, *get_args(hint))
+    if not is_number(value) or (int not in kinds and float not in kinds):
         return value
-    whole = int in (hint, *get_args(hint)) and value % 1 == 0
+    whole = int in kinds and value % 1 == 0
     return int(value) if whole else float(value)

@@ -187,8 +187,9 @@ def program(
         raise ConfigError(
             f"program: {command!r} is no command; expected one such as ['./simulate', '--quick']"
         )
-    options = whole_numbers(program, {"timeout": timeout, "retries": retries})
-    check_arguments(program, {"command": words, "cwd": cwd, **options}, "program")
+    given = {"command": words, "timeout": timeout, "retries": retries, "cwd": cwd}
+    options = whole_numbers(program, given)
+    check_arguments(program, options, "program")
     folder = Path(cwd or ".").expanduser()
     if not folder.is_dir():
         raise ConfigError(f"program: there is no folder {str(folder)!r}")

@@ -30,9 +30,8 @@ from zoac.study.state.trial import Trial, measured, number_of, reason_of
 if TYPE_CHECKING:
     import pandas as pd
 
-NUMBERS = ("experiments", "seed", "workers", "trial_timeout")
-CHECKED = ("tuner", "tuner_options", "folder", "name", "variant", "baseline_first", *NUMBERS)
-"""Arguments of `Study` that are checked by their type hints."""
+READ_LATER = ("self", "space", "baseline", "constraints", "specs")
+"""Arguments of `Study` that their type hints do not check."""
 
 NO_SETTINGS = ("self", "space", "folder", "trial_timeout", "name", "variant")
 """Arguments of `Study` that may differ where a study goes on."""
@@ -104,9 +103,8 @@ class Study:
             ConfigError: If something given cannot be used.
             RunFolderError: If the folder holds another study, or cannot be used.
         """
-        given = dict(locals())
-        given |= whole_numbers(Study.__init__, {name: given[name] for name in NUMBERS})
-        check_arguments(Study, {name: given[name] for name in CHECKED}, "")
+        given = whole_numbers(Study.__init__, locals())
+        check_arguments(Study, {k: v for k, v in given.items() if k not in READ_LATER}, "")
         if space is None and folder is None:
             raise ConfigError("a study needs a space, or the folder of one that was begun")
         self.folder = path = Path(folder or tempfile.mkdtemp(prefix="zoac-study-")).expanduser()
@@ -148,17 +146,16 @@ class Study:
             try:
                 return self._ask(by)
             except TrialsPending:
-                if time.monotonic() >= until:
+                if (left := until - time.monotonic()) <= 0:
                     raise
-            time.sleep(min(0.05, max(0.0, until - time.monotonic())))
+            time.sleep(min(0.05, left))
 
     def _ask(self, by: str) -> Trial:
         with self._ledger.writing():
             self._ledger.abandon_overdue(self.trial_timeout or np.inf)
             self._finish()
             number = self._ledger.next_number(self.settings.experiments)
-            x = self._tuner.x(number, self._ledger.trial)
-            x = self.settings.space.clip(x)
+            x = self.settings.space.clip(self._tuner.x(number, self._ledger.trial))
             parameters = {**self.settings.space.named(x), **self.settings.fixed}
             self._ledger.write("asked", number, {"by": by, "parameters": parameters, "x": x})
             return self._ledger.trial(number)
@@ -245,8 +242,7 @@ class Study:
     @property
     def finished(self) -> bool:
         """Whether every experiment has a result."""
-        trials = self.trials
-        return len(trials) == self.settings.experiments and not any(t.pending for t in trials)
+        return sum(not trial.pending for trial in self.trials) == self.settings.experiments
 
     @property
     def best(self) -> Trial:
@@ -297,8 +293,9 @@ class Study:
 
     def _finish(self) -> None:
         """Write the result of a study that is finished; the lock must be held."""
-        succeeded = any(trial.state == "told" for trial in self.trials)
+        trials = self.trials
+        succeeded = any(trial.state == "told" for trial in trials)
         if self.finished and succeeded and not is_done(self.folder):
-            trials, (best, outcome) = self.trials, self._conclusion
+            best, outcome = self._conclusion
             found = {**files.result(self.settings, trials, best), **outcome}
             files.write_result(self.folder, found, trials, best)
