@@ -91,8 +91,7 @@ class Study:
             acceptance_test: Fraction of the experiments, such as 0.2, that measure baseline and
                 recommendation in turn. The answer is the baseline unless the recommendation
                 proves better.
-            initial_sigma: As in `zoac.tune`.
-            initial_samples: As in `zoac.tune`.
+            initial_sigma, initial_samples: As in `zoac.tune`.
             tuner_options: Options of the tuner, by name.
             trial_timeout: Seconds after which a trial without a result is abandoned, at the next
                 `ask`; None: never.

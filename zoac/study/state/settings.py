@@ -16,6 +16,7 @@ from zoac.core.types import is_number
 from zoac.runs import schema
 from zoac.specs.spec import Spec
 from zoac.specs.trace import as_plain, from_plain
+from zoac.study.state.trial import numbers
 from zoac.tasks.user_space import parse_space
 from zoac.tasks.user_specs import specs_of
 
@@ -69,8 +70,9 @@ def new_settings(
     """Return checked settings; see `zoac.study.study.Study` for the arguments."""
     check_arguments(Settings, whole_numbers(Settings, others), "")
     parsed, fixed, values = parse_space(space, baseline)
-    _refuse_not_finite("space", fixed)
-    _refuse_not_finite("tuner_options", tuner_options or {})
+    limits = numbers(constraints, "constraints")
+    given = {"space": fixed, "tuner_options": tuner_options or {}, "constraints": limits}
+    _refuse_not_finite(given)
     named = _tuner(tuner, parsed.dimension, experiments, workers)
     node = configuration(task=None, tuner=named)["tuner"]
     options = dict(tuner_options or {})
@@ -85,7 +87,7 @@ def new_settings(
             "space": [asdict(p) for p in parsed.parameters],
             "fixed": fixed,
             "baseline": values or None,
-            "limits": _limits(constraints),
+            "limits": limits,
             "specs": [as_plain(spec) for spec in specs_of(specs)],
         },
         "tuner": {**node, **options},
@@ -113,17 +115,9 @@ def _tuner(name: str, dimension: int, experiments: int, workers: int) -> str:
     return name
 
 
-def _refuse_not_finite(of: str, values: Mapping[str, Any]) -> None:
+def _refuse_not_finite(given: Mapping[str, Mapping[str, Any]]) -> None:
     """Refuse numbers that JSON lacks: `schema.plain` would make them None."""
-    for name, value in values.items():
-        if is_number(value) and not math.isfinite(value):
-            raise ConfigError(f"{of}[{name!r}]={value!r}: expected a finite number")
-
-
-def _limits(constraints: Mapping[str, float] | None) -> dict[str, float]:
-    if not isinstance(constraints, Mapping | None):
-        raise ConfigError(f"constraints={constraints!r}: expected limits by name")
-    for name, limit in (constraints or {}).items():
-        if not is_number(limit) or not math.isfinite(limit):
-            raise ConfigError(f"constraint {name!r}: limit={limit!r}, expected a finite number")
-    return {name: float(limit) for name, limit in (constraints or {}).items()}
+    for of, values in given.items():
+        for name, value in values.items():
+            if is_number(value) and not math.isfinite(value):
+                raise ConfigError(f"{of}[{name!r}]={value!r}: expected a finite number")

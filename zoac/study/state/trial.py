@@ -122,7 +122,7 @@ def measured(
         raise ConfigError(f"the cost is {cost}, expected a finite number")
     named = dict[str, dict[str, float]]()
     for kind, beside in (("metrics", metrics), ("constraints", constraints)):
-        named[kind] = _numbers(answer.get(kind), kind) | _numbers(beside, kind)
+        named[kind] = numbers(answer.get(kind), kind) | numbers(beside, kind)
     named["specs"] = of_specs
     for name in named["metrics"]:
         refuse_reserved(name)
@@ -132,14 +132,15 @@ def measured(
         )
     # Text such as "-inf" stands for what JSON has no number for.
     storable = {
-        kind: {name: v if math.isfinite(v) else str(v) for name, v in numbers.items()}
-        for kind, numbers in named.items()
+        kind: {name: v if math.isfinite(v) else str(v) for name, v in given.items()}
+        for kind, given in named.items()
     }
     row = {"cost": cost, "excess": excess, **storable}
     return {key: plain(value) for key, value in row.items() if value or key == "cost"}
 
 
-def _numbers(given: Any, kind: str) -> dict[str, float]:
+def numbers(given: Any, kind: str) -> dict[str, float]:
+    """Return numbers by name; refuse what is none."""
     if not isinstance(given, Mapping | None):
         raise ConfigError(f"{kind}: expected numbers by name, got {given!r}")
     pairs = (given or {}).items()
