@@ -89,11 +89,8 @@ class Program:
         """Run the program; return its answer. A `ProgramError` if the last attempt failed too."""
         text = json.dumps(dict(parameters))
         for _ in range(self.retries):
-            try:
+            with suppress(ProgramError):
                 return self._once(text)
-            except ProgramError:
-                if self._stopped:
-                    raise
         return self._once(text)
 
     def stop(self) -> None:
