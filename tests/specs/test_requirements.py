@@ -76,6 +76,7 @@ def test_figures_of_a_loop_need_no_episode():
         ({"y": 0.5}, r"peak\(0.5\): expected the name of a signal; .* such as max=0.5"),
         ({"over": "worst"}, "over='worst' without a limit"),
         ({"max": "5%"}, "max='5%', expected a finite number"),
+        ({"maximum": 1.0}, "peak: no argument 'maximum'; did you mean 'max'"),
     ],
 )
 def test_what_cannot_be_required_is_refused(arguments, said):

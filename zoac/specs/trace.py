@@ -114,7 +114,7 @@ def from_plain(given: Mapping[str, Any]) -> Spec:
     """Return the spec that `as_plain` wrote, or that a file holds likewise."""
     if not (isinstance(given, Mapping) and {"name", "signals"} <= given.keys()):
         raise ConfigError(f"{given!r} is no spec; expected a name and signals, {EXAMPLE}")
-    options = dict(given)
+    options = {str(key): value for key, value in given.items()}
     name, signals = options.pop("name"), options.pop("signals")
     known = {k: v for k, v in vars(requirements).items() if k[0] != "_" and hasattr(step_info, k)}
     if str(name) not in known:
@@ -127,7 +127,5 @@ def from_plain(given: Mapping[str, Any]) -> Spec:
             f"spec {name!r}: signals={signals!r}, expected a list of the columns that are "
             f"{', '.join(takes)}; {EXAMPLE}"
         )
-    arguments = {**dict(zip(takes, signals, strict=False)), **options}
-    requirements.refuse_unknown(make, arguments, f"spec {name!r}")
-    spec: Spec = make(**arguments)
+    spec: Spec = make(**{**dict(zip(takes, signals, strict=False)), **options})
     return spec
