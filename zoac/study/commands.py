@@ -85,7 +85,7 @@ def _create(options: argparse.Namespace) -> dict[str, Any]:
     study = Study(
         space=_mapping(options.space),
         folder=folder,
-        baseline=None if options.baseline is None else _mapping(options.baseline),
+        baseline=_mapping(options.baseline),
         baseline_first=not options.no_baseline_first,
         constraints=_numbers(options.limit, "--limit"),
         specs=_specs(options.specs),
@@ -94,29 +94,28 @@ def _create(options: argparse.Namespace) -> dict[str, Any]:
     return {"folder": str(study.folder), "tuner": study.settings.tuner}
 
 
-def _yaml(path: str) -> Any:
-    """Return what a YAML file holds."""
+def _yaml(path: str, kind: type, expected: str) -> Any:
+    """Return what a YAML file holds, a mapping or a list."""
     try:
-        return OmegaConf.to_container(OmegaConf.load(path))
+        content = OmegaConf.to_container(OmegaConf.load(path))
     except OSError as error:
         why = error.strerror or "expected entries by name, or a list"  # OmegaConf: a number, say
         raise ConfigError(f"{path}: {why}") from None
     except Exception as error:  # whatever a YAML reader raises
         raise ConfigError(f"{path}: cannot be read as YAML: {error}") from None
+    if not isinstance(content, kind):
+        raise ConfigError(f"{path}: expected {expected}")
+    return content
 
 
 def _specs(path: str | None) -> list[Spec]:
-    content = [] if path is None else _yaml(path)
-    if not isinstance(content, list):
-        raise ConfigError(f"{path}: expected a list of specs")
-    return [from_plain(entry) for entry in content]
+    return [from_plain(entry) for entry in _yaml(path, list, "a list of specs")] if path else []
 
 
-def _mapping(path: str) -> dict[str, Any]:
-    """Return what a YAML file has by name."""
-    content = _yaml(path)
-    if not isinstance(content, dict):
-        raise ConfigError(f"{path}: expected entries by name, such as `kp: [0, 20]`")
+def _mapping(path: str | None) -> dict[str, Any] | None:
+    if path is None:
+        return None
+    content = _yaml(path, dict, "entries by name, such as `kp: [0, 20]`")
     return {str(name): value for name, value in content.items()}
 
 
