@@ -91,7 +91,8 @@ class Study:
             acceptance_test: Fraction of the experiments, such as 0.2, that measure baseline and
                 recommendation in turn. The answer is the baseline unless the recommendation
                 proves better.
-            initial_sigma, initial_samples: As in `zoac.tune`.
+            initial_sigma: As in `zoac.tune`.
+            initial_samples: As in `zoac.tune`.
             tuner_options: Options of the tuner, by name.
             trial_timeout: Seconds after which a trial without a result is abandoned, at the next
                 `ask`; None: never.
@@ -263,10 +264,9 @@ class Study:
     def _conclusion(self) -> tuple[Trial, dict[str, Any]]:
         with self._ledger.mutex:
             trials = self.trials
-            tested = self.settings.acceptance_test is not None
             repeats = len({trial.x for trial in trials}) < len(trials)
             again = repeats and self._tuner.tuner.measures_again
-            if not self.finished or not (tested or again):
+            if not (self.finished and (again or self.settings.acceptance_test is not None)):
                 return self._ledger.best(), {}
             x, outcome = self._tuner.conclusion(self._ledger.trial)
             return self._ledger.best(x), outcome
