@@ -14,7 +14,6 @@ from zoac.core.types import is_number
 from zoac.envs.objective import Objective
 from zoac.rollout.task import Task
 from zoac.specs.judge import check
-from zoac.specs.requirements import refuse_unknown
 from zoac.specs.signals import Signal, action, constant, diagnostic, info, observation
 from zoac.specs.spec import Spec
 
@@ -101,8 +100,7 @@ def _spec(given: Any, where: str) -> Spec:
     make = getattr(requirements, name)
     if not isinstance(arguments, Mapping):
         raise ConfigError(f"{where}.{name}={arguments!r}: expected arguments by name")
-    arguments = dict(arguments)
-    refuse_unknown(make, arguments, f"{where}.{name}")
+    arguments = {str(key): value for key, value in arguments.items()}
     if isinstance(loop := arguments.get("loop"), str):
         wanted = "a function of the parameters that returns a system of python-control"
         arguments["loop"] = locate_code(loop, f"{where}.{name}.loop", (), (), wanted)

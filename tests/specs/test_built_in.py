@@ -12,7 +12,7 @@ ERROR = specs.peak("clearance_error", max=0.045)
 
 def tuned(**options):
     given = {
-        "task": "pid_acc", "budget": 40_000, "num_envs": 4, "episodes": 1, "final_episodes": 3,
+        "task": "pid_acc", "budget": 8_000, "num_envs": 4, "episodes": 1, "final_episodes": 3,
         "tuner": "cmaes_full", "quiet": True,
     }  # fmt: skip
     return zoac.tune(**{**given, **options})

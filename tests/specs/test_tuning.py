@@ -16,9 +16,9 @@ from tests.support import needs_its_library
 from zoac.algorithm.strategies.paired_comparison import MIN_PAIRS
 from zoac.baselines import random_search
 from zoac.baselines.random_search import RandomSearch
-from zoac.config.compose import compose_config, resolved
-from zoac.config.factory import build_settings, build_tuner
-from zoac.config.files import choices
+from zoac.config.factory import build_tuner
+from zoac.config.files import choices, configuration
+from zoac.config.settings import Settings
 from zoac.config.validate import locate
 from zoac.core.errors import ConfigError, EnvironmentContractError
 from zoac.core.segments import Proposal
@@ -413,9 +413,9 @@ def test_a_tuner_says_whether_it_asks_for_whole_episodes(name):
         space={"k": (0.5, 12.0), "r": (0.5, 1.5)}, baseline={"k": 1.0, "r": 1.0},
         max_episode_steps=40,
     )  # fmt: skip
-    config = resolved(compose_config([f"tuner={name}", "budget=4000", "num_envs=2"]))
-    needs_its_library(config["tuner"]["_target_"])
-    tuner = build_tuner(config["tuner"], task, build_settings(config))
+    node = configuration(task=None, tuner=name)["tuner"]
+    needs_its_library(node["_target_"])
+    tuner = build_tuner(node, task, Settings(budget=4000, num_envs=2))
     proposals = tuner.ask()
     assert tuner.whole_episodes == all(p.horizon is None for p in proposals)
 
@@ -424,7 +424,7 @@ def test_the_message_names_the_tuners_of_whole_episodes_and_no_other():
     named = set(re.findall(r"\w+", EPISODES_ONLY.partition("these: ")[2])) - {"or"}
     able = set()
     for name in choices("tuner"):
-        node = compose_config([f"tuner={name}"]).tuner
+        node = configuration(task=None, tuner=name)["tuner"]
         halves = "successive_halving" in node.get("strategies", {})
         # These two need an extra of their own, so the message does without them.
         extra = name in ("botorch", "smac")

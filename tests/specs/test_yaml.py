@@ -14,6 +14,7 @@ from zoac.check.__main__ import main
 from zoac.config.compose import compose_config, resolved
 from zoac.config.factory import build_task
 from zoac.core.errors import ConfigError
+from zoac.runs.training.lifecycle import run_session
 from zoac.tasks.user_task import user_task
 
 TASK = """
@@ -42,16 +43,15 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def run(folder, *more):
-    """Tune on the command line, in a process of its own."""
-    options = ("task=lag", "tuner=random", "budget=1200", "num_envs=2", "eval_every=120",
-               "evaluation.episodes=3", "evaluation.final_episodes=4", "variant=mine")  # fmt: skip
-    environment = {**os.environ, "PYTHONPATH": str(Path(zoac.__file__).parents[1])}
-    return commands.run("-m", "zoac.run", *options, *more, cwd=folder, env=environment)
+OPTIONS = (
+    "task=lag", "tuner=random", "budget=1200", "num_envs=2", "eval_every=120",
+    "evaluation.episodes=3", "evaluation.final_episodes=4", "variant=mine",
+)  # fmt: skip
 
 
 def test_the_command_line_and_python_give_the_same_answer_and_table(folder):
-    done = run(folder)
+    environment = {**os.environ, "PYTHONPATH": str(Path(zoac.__file__).parents[1])}
+    done = commands.run("-m", "zoac.run", *OPTIONS, cwd=folder, env=environment)
     assert done.returncode == 0, done.stderr
     assert "steady_state_error(y, r) <= 0.2" in done.stdout
     result = zoac.load_result(folder / "runs/lag/random/seed=0/variant=mine")
@@ -63,9 +63,9 @@ def test_the_command_line_and_python_give_the_same_answer_and_table(folder):
 
 
 def test_a_tuner_of_parts_of_episodes_is_refused_with_those_that_can(folder):
-    done = run(folder, "tuner=zoac_plus")
-    assert done.returncode == 1
-    assert "cmaes_full, bo, optuna, es, nevergrad or random" in done.stderr
+    config = resolved(compose_config([*OPTIONS, "tuner=zoac_plus"]))
+    with pytest.raises(ConfigError, match="cmaes_full, bo, optuna, es, nevergrad or random"):
+        run_session(config, task="lag", tuner="zoac_plus", command=[])
     assert not (folder / "runs").exists()
 
 

@@ -1,15 +1,16 @@
 """`python -m zoac.study`: JSON and nothing else on standard output, exit statuses for scripts."""
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from tests import commands
 from zoac.study.commands import command
 from zoac.study.study import Study
 
+ROOT = Path(__file__).parents[2]
 SPACE = "kp: {low: 0, high: 20, unit: N/m, baseline: 10}\nki: [0.0, 5.0]\n"
 
 
@@ -121,8 +122,7 @@ def test_a_person_is_asked_for_the_cost(rig, monkeypatch, capsys):
 
 
 def test_the_module_is_a_command(tmp_path):
-    done = subprocess.run([sys.executable, "-m", "zoac.study", "status", str(tmp_path)],
-                          capture_output=True, text=True)  # fmt: skip
+    done = commands.run("-m", "zoac.study", "status", tmp_path, cwd=ROOT)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith("error: ")
     assert "Traceback" not in done.stderr

@@ -31,14 +31,14 @@ def tune(cost, experiments=60, **options):
     return zoac.tune(cost=cost, experiments=experiments, **given)
 
 
-@pytest.mark.parametrize(("workers", "baseline"), [(1, None), (3, {"k": 2.0})])
 @pytest.mark.parametrize("experiments", [2, 3, 5, 12, 61])
-def test_so_many_experiments_are_so_many_calls(experiments, baseline, workers):
-    cost = Noisy()
-    result = tune(cost, experiments, baseline=baseline, workers=workers)
-    assert cost.calls == experiments
-    assert result.record["experiments"] == experiments
-    assert next(iter(cost.told)) == 2.0 or baseline is None
+def test_so_many_experiments_are_so_many_calls(experiments):
+    for workers, baseline in ((1, None), (3, {"k": 2.0})):
+        cost = Noisy()
+        result = tune(cost, experiments, baseline=baseline, workers=workers)
+        assert cost.calls == experiments
+        assert result.record["experiments"] == experiments
+        assert next(iter(cost.told)) == 2.0 or baseline is None
 
 
 def test_every_round_measures_the_better_half_again():
@@ -80,7 +80,7 @@ def test_under_noise_it_finds_better_points_than_the_best_of_many():
     truth = {
         tuner: np.mean([
             (tune(Noisy(seed, 2.0), tuner=tuner, seed=seed).parameters["k"] - 1.0) ** 2
-            for seed in range(4)
+            for seed in range(3)
         ])
         for tuner in ("halving", "random")
     }  # fmt: skip

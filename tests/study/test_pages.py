@@ -22,7 +22,7 @@ def study(tmp_path):
 
 
 def test_a_curve_is_over_experiments(study):
-    (panel,) = curves.all_panels(load(study(30)))
+    (panel,) = curves.all_panels(load(study(8)))
     for against, label in (("env_steps", "Experiments"), ("wall_seconds", "Wall")):
         (axes,) = curves.draw([panel], against).axes
         assert axes.get_xlabel().startswith(label)

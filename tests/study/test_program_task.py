@@ -2,20 +2,19 @@
 
 import json
 import sys
-from pathlib import Path
 
 import pytest
 
 import zoac
 from tests import commands
+from zoac.check import __main__ as check
 from zoac.config.compose import compose_config, resolved
 from zoac.config.factory import PROGRAM
 from zoac.config.validate import locate
-from zoac.core.errors import ConfigError
+from zoac.core.errors import ConfigError, RunFolderError
 from zoac.study.experiments import run_experiments
 from zoac.study.program import ProgramTask
 
-ROOT = Path(__file__).parents[2]
 SIMULATE = """
 import json, sys
 open("calls", "a").write("x")
@@ -28,28 +27,28 @@ print(json.dumps({"cost": (p["kp"] - 3) ** 2 + p["ki"]}))
 
 
 OVERRIDES = [
-    "task=program", f"task.command=[{sys.executable},simulate.py]",
+    "task=program", f"task.command=[{sys.executable},-S,-E,simulate.py]",
     "task.space={kp:{low:0,high:20,baseline:9},ki:[0,5]}", "task.baseline={ki:1}",
     "task.experiments=6", "tuner=random", "variant=mine",
 ]  # fmt: skip
 
 
 @pytest.fixture
-def tuned(tmp_path):
+def tuned(tmp_path, monkeypatch):
     """Return a function that runs `task=program` with a small program in a folder."""
     (tmp_path / "simulate.py").write_text(SIMULATE)
+    monkeypatch.chdir(tmp_path)
 
-    def run(*arguments, module="zoac.run"):
-        return commands.run(
-            "-m", module, *OVERRIDES, *arguments, cwd=tmp_path,
-            env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)},
-        )  # fmt: skip
+    def run(*arguments):
+        tuner = next((a[6:] for a in arguments if a.startswith("tuner=")), "random")
+        config = resolved(compose_config([*OVERRIDES, *arguments]))
+        return run_experiments(config, "program", tuner)
 
     return run
 
 
 def test_it_runs_so_many_experiments_and_answers_with_the_best(tuned, tmp_path):
-    done = tuned("executor.workers=3")
+    done = commands.run("-m", "zoac.run", *OVERRIDES, "executor.workers=3", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert len((tmp_path / "calls").read_text()) == 6
     folder = tmp_path / "runs/program/random/seed=0/variant=mine"
@@ -62,15 +61,17 @@ def test_it_runs_so_many_experiments_and_answers_with_the_best(tuned, tmp_path):
     assert study.settings.workers == 3
     assert f"cost {result['cost_mean']:.6g}, experiment {study.best.number} of 6; " in done.stdout
     assert "baseline values: cost 37\n" in done.stdout
-    tuned("executor.workers=3")
+    assert tuned("executor.workers=3") == result
     assert len((tmp_path / "calls").read_text()) == 6  # it is done
-    assert "use resume=auto" in tuned("executor.workers=3", "resume=never").stderr
-    assert tuned("executor.workers=2", "resume=overwrite").returncode == 0
+    with pytest.raises(RunFolderError, match="use resume=auto"):
+        tuned("executor.workers=3", "resume=never")
+    tuned("executor.workers=2", "resume=overwrite")
     assert len((tmp_path / "calls").read_text()) == 12
 
 
-def test_a_failure_is_told_by_its_first_and_last_words(tuned):
-    text = tuned("task.space={kp:{low:17,baseline:17.5}}").stdout
+def test_a_failure_is_told_by_its_first_and_last_words(tuned, capsys):
+    tuned("task.space={kp:{low:17,baseline:17.5}}")
+    text = capsys.readouterr().out
     assert "failed (python" in text
     assert "ended with exit status 1: too stiff)\n" in text
 
@@ -78,6 +79,7 @@ def test_a_failure_is_told_by_its_first_and_last_words(tuned):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
+        (["task.command=null"], "^task.command: a value is needed"),
         (["task.space=null"], "task.space: a value is needed"),
         (["tuner=zoac"], "tuner='zoac' learns from single steps of an episode"),
         (["budget=100"], "budget=100: experiments of a program have no such setting"),
@@ -86,35 +88,23 @@ def test_a_failure_is_told_by_its_first_and_last_words(tuned):
         (["tuner=cmaes", "tuner.populatoin=3"], "tuner.populatoin"),
     ],
 )
-def test_what_cannot_be_used_is_named_before_anything_runs(arguments, says, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    tuner = arguments[0].partition("tuner=")[2] or "random"
+def test_what_cannot_be_used_is_named_before_anything_runs(arguments, says, tuned, tmp_path):
     with pytest.raises(ConfigError, match=says):
-        run_experiments(resolved(compose_config([*OVERRIDES, *arguments])), "program", tuner)
+        tuned(*arguments)
     assert not (tmp_path / "runs").exists()
 
 
-def test_the_command_says_what_is_missing_in_one_line(tuned, tmp_path):
-    done = tuned("task.command=null")
-    assert done.returncode == 1
-    assert done.stderr.startswith("error: task.command: a value is needed")
-    assert "Traceback" not in done.stderr
-    assert not (tmp_path / "runs").exists()
-
-
-def test_options_of_the_tuner_count(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    given = [*OVERRIDES, "tuner=cmaes_full", "tuner.start=middle", "task.experiments=16"]
-    config = resolved(compose_config(given))
-    config["task"]["command"] = ["echo", '{"cost": 1}']
-    run_experiments(config, "program", "cmaes_full")
+def test_options_of_the_tuner_count(tuned, tmp_path):
+    tuned("tuner=cmaes_full", "tuner.start=middle", "task.experiments=11",
+          'task.command=[echo,"{\\"cost\\": 1}"]')  # fmt: skip
     (folder,) = tmp_path.glob("runs/program/cmaes_full/seed=0/*")
     record = json.loads((folder / "run.json").read_text())
     assert record["config"]["tuner"]["start"] == "middle"
 
 
-def test_other_commands_say_that_there_is_no_environment(tuned):
+def test_other_commands_say_that_there_is_no_environment(capsys):
     assert locate(PROGRAM, "") is ProgramTask
     with pytest.raises(ConfigError, match="task=program has no environment"):
         zoac.make_task("program")
-    assert "task=program has no environment" in tuned(module="zoac.check").stderr
+    assert check.main(OVERRIDES) == 1
+    assert "task=program has no environment" in capsys.readouterr().err

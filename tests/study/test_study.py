@@ -40,13 +40,12 @@ def cost(p):
     return (p["kp"] - 3.0) ** 2 + p["ki"] + (p["mode"] == "slow")
 
 
-QUICK = {name: {"initial_design": 25} for name in ("optuna", "botorch", "smac")}
-QUICK["bo"] = {"initial_design": 20}
+QUICK = {name: {"initial_design": 27} for name in ("optuna", "botorch", "smac", "bo")}
 """Fewer models, which take the time."""
 
 
 def study(folder=None, **options):
-    given = {"space": SPACE, "tuner": "cmaes", "experiments": 30, "workers": 4, **options}
+    given = {"space": SPACE, "tuner": "random", "experiments": 30, "workers": 4, **options}
     return Study(folder=folder, **{"tuner_options": QUICK.get(given["tuner"]), **given})
 
 
@@ -83,7 +82,7 @@ def test_every_experiment_is_asked_once_and_the_baseline_first(tuner, tmp_path):
         assert repeated == [1]  # the tuner's own first point is not measured twice
 
 
-@pytest.mark.parametrize("tuner", ["cmaes", "cmaes_full", "optuna", "random", "nevergrad"])
+@pytest.mark.parametrize("tuner", ["cmaes_full", "optuna", "random"])
 def test_neither_order_nor_restarts_change_what_is_asked(tuner, tmp_path):
     whole = study(tmp_path / "whole", tuner=tuner)
     for trial in whole:
@@ -109,7 +108,7 @@ def test_neither_order_nor_restarts_change_what_is_asked(tuner, tmp_path):
 
 
 def test_failures_teach_the_tuner():
-    made = study(tuner="cmaes_full", experiments=120, seed=1)
+    made = study(tuner="cmaes_full", experiments=100, seed=1)
     for trial in made:
         if trial.parameters["kp"] > 6.0:
             made.tell(trial, failed="unstable")
@@ -133,6 +132,13 @@ def test_the_first_ten_all_failing_stops_it():
     for _ in range(10):
         one_good.tell(one_good.ask(), failed="no licence")
     assert one_good.ask().number == 12
+
+
+def test_a_result_is_on_the_disk_when_it_was_told(synchronised):
+    made = study()
+    trial, before = made.ask(), len(synchronised)
+    made.tell(trial, 1.0)
+    assert len(synchronised) == before + 1
 
 
 def test_a_result_counts_once_and_another_is_refused(tmp_path):
@@ -165,6 +171,7 @@ def test_a_result_counts_once_and_another_is_refused(tmp_path):
         ({"cost": 1.0, "metrics": 3}, "metrics: expected numbers by name, got 3"),
         ({"cost": 1.0, "metrics": {"cost_mean": 7.0}}, "metric 'cost_mean': .* such as 'my_cost"),
         ({"cost": {"cost": 1.0, "metrics": {"best_trial": 7}}}, "metric 'best_trial': results"),
+        ({"failed": False}, "the reason of a failure is False, expected text"),
     ],
 )
 def test_a_result_that_cannot_be_used_leaves_the_trial_pending(given, says):
@@ -183,15 +190,6 @@ def test_a_result_of_what_is_no_trial_is_refused(trial):
         with pytest.raises(StudyError, match=f"no trial '?{trial}'?; expected a trial or its numb"):
             end()
     assert made.pending == pending
-
-
-def test_a_reason_is_text():
-    made = study()
-    trial = made.ask()
-    for end in (lambda: made.tell(trial, failed=False), lambda: made.abandon(trial, None)):
-        with pytest.raises(ConfigError, match="the reason of a failure is .*, expected text"):
-            end()
-    assert made.pending == [trial]
 
 
 def test_less_violation_goes_before_less_cost():
@@ -218,7 +216,9 @@ def test_of_numbers_without_bound_minus_infinity_alone_keeps_a_limit(tmp_path):
 
 def test_violations_teach_the_tuner(tmp_path):
     def run(limit):
-        made = study(tmp_path / str(limit), constraints={"kp": limit}, experiments=60)
+        made = study(
+            tmp_path / str(limit), tuner="cmaes", constraints={"kp": limit}, experiments=60
+        )
         for trial in made:
             made.tell(trial, cost(trial.parameters), constraints={"kp": -trial.parameters["kp"]})
         return made
@@ -276,15 +276,11 @@ def test_a_loop_that_forgets_to_tell_is_told_so():
             pass
 
 
-def test_a_study_keeps_the_name_that_its_tuner_has_in_tables(tmp_path):
-    study(tmp_path, tuner="cmaes")
-    assert json.loads((tmp_path / "run.json").read_text())["tuner_name"] == "CMA-ES"
-
-
 def test_a_study_is_its_folder(tmp_path):
     made = study(tmp_path, seed=3)
     made.tell(made.ask(), 1.0)
     assert study(tmp_path, seed=3).trials == made.trials
+    assert json.loads((tmp_path / "run.json").read_text())["tuner_name"] == "Random search"
     with pytest.raises(RunFolderError, match="other settings:\n  budget: 30, now 40"):
         study(tmp_path, seed=3, experiments=40)
     with pytest.raises(RunFolderError, match="there is no study in .*; create it"):
@@ -299,7 +295,7 @@ def test_a_study_is_its_folder(tmp_path):
         {"experiments": 31}, {"seed": 5}, {"tuner": "bo"}, {"tuner_options": {"sigma": 0.1}},
         {"workers": 3}, {"baseline": {"kp": 9.0}}, {"baseline_first": False},
         {"constraints": {"power": 2.0}}, {"specs": [zoac.specs.iae("y", "r")]},
-        {"acceptance_test": math.nan}, {"initial_sigma": 0.1}, {"initial_samples": 5},
+        {"acceptance_test": 0.2}, {"initial_sigma": 0.1}, {"initial_samples": 5},
     ],
 )  # fmt: skip
 def test_a_study_that_is_opened_by_its_folder_alone_takes_no_settings(given, tmp_path):
@@ -307,16 +303,6 @@ def test_a_study_that_is_opened_by_its_folder_alone_takes_no_settings(given, tmp
     with pytest.raises(ConfigError, match=f"^{next(iter(given))}: .* keeps its own settings"):
         Study(folder=tmp_path, **given)
     assert Study(folder=tmp_path).settings.config == made.settings.config
-
-
-def test_the_journal_is_read_by_pandas_in_one_line(tmp_path):
-    made = study(tmp_path, tuner="random")
-    for trial in made:
-        answer(made, trial)
-    rows = pd.read_json(tmp_path / JOURNAL, lines=True)
-    assert rows["kind"].value_counts()["asked"] == 30
-    assert rows["cost"].min() == pytest.approx(made.best.cost)
-    assert not list(tmp_path.glob("*.pkl"))
 
 
 def test_a_line_that_a_crash_cut_is_survived(tmp_path):
@@ -327,7 +313,7 @@ def test_a_line_that_a_crash_cut_is_survived(tmp_path):
     made.tell(2, 2.0)
     content = (tmp_path / JOURNAL).read_bytes()
     lines = content.splitlines(keepends=True)
-    for cut in range(1, len(lines[-1])):
+    for cut in (1, len(lines[-1]) // 2, len(lines[-1]) - 1):
         (tmp_path / JOURNAL).write_bytes(b"".join(lines[:-1]) + lines[-1][:cut])
         again = Study(folder=tmp_path)
         assert [t.state for t in again.trials] == ["told", "pending", "pending"]
@@ -364,7 +350,7 @@ def test_a_journal_that_became_shorter_is_refused(tmp_path):
 
 
 def test_processes_at_once_lose_and_double_nothing(tmp_path):
-    study(tmp_path, tuner="random", experiments=60)
+    study(tmp_path, tuner="random", experiments=40)
     code = f"""
 import os, time
 from zoac.study.study import Study
@@ -376,21 +362,21 @@ for trial in study:
     study.tell(trial, trial.parameters["kp"])
     print(trial.number)
 """
-    running = [commands.Started("-c", code, cwd=tmp_path) for _ in range(4)]
-    while len(list(tmp_path.glob("ready-*"))) < 4:
+    running = [commands.Started("-c", code, cwd=tmp_path) for _ in range(3)]
+    while len(list(tmp_path.glob("ready-*"))) < 3:
         assert all(process.poll() is None for process in running)
         time.sleep(0.01)
     (tmp_path / "go").touch()
     numbers = [int(n) for process in running for n in process.communicate()[0].split()]
-    assert sorted(numbers) == list(range(1, 61))
-    assert [process.returncode for process in running] == [0] * 4
+    assert sorted(numbers) == list(range(1, 41))
+    assert [process.returncode for process in running] == [0] * 3
     made = Study(folder=tmp_path)
     assert [t.cost for t in made.trials] == [t.parameters["kp"] for t in made.trials]
     assert made.finished
 
 
 def test_other_values_for_the_same_results_are_noticed(tmp_path):
-    made = study(tmp_path, workers=1)
+    made = study(tmp_path, tuner="cmaes", workers=1)
     for _ in range(3):
         made.tell(made.ask(), 1.0)
     lines = [json.loads(line) for line in (tmp_path / JOURNAL).read_text().splitlines()]
@@ -408,14 +394,15 @@ def test_other_values_for_the_same_results_are_noticed(tmp_path):
         ({"tuner": "cmase"}, "did you mean"),
         ({"tuner": "es", "experiments": 15}, "learns from 20 at a time, and 14 are left"),
         ({"tuner": "es", "acceptance_test": 0.5}, "learns from 20 at a time, and 14 are left"),
-        ({"experiments": 0}, "experiments=0: expected a whole number, 1 or more"),
-        ({"workers": 1.5}, "workers=1.5: expected a whole number"),
-        ({"trial_timeout": 0}, "trial_timeout=0: expected seconds, above zero"),
-        ({"tuner_options": {"populatoin": 3}}, "did you mean 'population'"),
-        ({"tuner_options": {"population": "x"}}, "population"),
-        ({"constraints": ["overshoot"]}, "expected limits by name"),
-        ({"constraints": {"overshoot": 10**400}}, "expected a finite number"),
-        ({"constraints": {"overshoot": None}}, "limit=None, expected a finite number"),
+        ({"experiments": 0}, "experiments=0: input should be greater than or equal to 1"),
+        ({"workers": 1.5}, "workers=1.5: input should be a valid integer"),
+        ({"trial_timeout": 0}, "trial_timeout=0.0: input should be greater than 0"),
+        ({"tuner": "cmaes", "tuner_options": {"populatoin": 3}}, "did you mean 'population'"),
+        ({"tuner": "cmaes", "tuner_options": {"population": "x"}}, "population"),
+        ({"constraints": ["overshoot"]}, "constraints: expected numbers by name"),
+        ({"constraints": {"overshoot": 10**400}}, "'overshoot' is 1000.*, expected a number"),
+        ({"constraints": {"overshoot": math.nan}}, r"\['overshoot'\]=nan: expected a finite"),
+        ({"constraints": {"overshoot": None}}, "'overshoot' is None, expected a number"),
         ({"acceptance_test": 2.0}, "acceptance_test"),
         ({"baseline": {"kp": 30.0}}, "lies outside"),
         ({"baseline": 5}, "expected values by name"),
@@ -428,7 +415,7 @@ def test_other_values_for_the_same_results_are_noticed(tmp_path):
         ({"acceptance_test": math.nan}, "acceptance_test: NaN is not a value"),
         ({"initial_sigma": math.inf}, "initial_sigma: inf is not a value"),
         ({"initial_samples": math.nan}, "initial_samples: NaN is not a value"),
-        ({"trial_timeout": math.inf}, "trial_timeout=inf: expected seconds, above zero"),
+        ({"trial_timeout": math.inf}, "trial_timeout: inf is not a value"),
         (
             {"tuner_options": {"sigma": math.nan}},
             r"tuner_options\['sigma'\]=nan: expected a finite",
@@ -462,10 +449,14 @@ def test_an_acceptance_test_decides_the_answer(tmp_path):
     assert not result.record["acceptance_test"]["accepted"]
 
 
-def test_report_and_curves_read_a_finished_study(tmp_path):
+def test_pandas_report_and_curves_read_a_finished_study(tmp_path):
     made = study(tmp_path / "rig")
     for trial in made:
         answer(made, trial)
+    rows = pd.read_json(tmp_path / "rig" / JOURNAL, lines=True)  # in one line
+    assert rows["kind"].value_counts()["asked"] == 30
+    assert rows["cost"].min() == pytest.approx(made.best.cost)
+    assert not list(tmp_path.glob("rig/*.pkl"))
     for command in (report, curves):
         assert command.main([str(tmp_path), "--out", str(tmp_path / command.__name__)]) == 0
         assert any((tmp_path / command.__name__).rglob("*"))

@@ -4,7 +4,7 @@ The command line's types, `zoac.tune` and the comparison of runs are made from t
 defaults stand in `conf/run.yaml` too, and a test holds the two equal.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from enum import Enum
 from typing import Annotated, Any, Literal, get_args, get_type_hints
@@ -106,8 +106,8 @@ CHANGES_THE_METHOD = tuple(
 them. What a failure is and costs is part of the task."""
 
 
-def whole_numbers(owner: type, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a dataclass's settings as the configuration has them: 1e4 is a whole number too."""
+def whole_numbers(owner: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments of `owner` as the configuration has them: 1e4 is a whole number too."""
     hints = get_type_hints(owner)
     return {name: _whole(value, hints.get(name)) for name, value in given.items()}
 
@@ -115,7 +115,8 @@ def whole_numbers(owner: type, given: Mapping[str, Any]) -> dict[str, Any]:
 def _whole(value: Any, hint: Any) -> Any:
     if isinstance(value, np.bool_):
         return bool(value)
-    if not is_number(value):
+    kinds = (hint, *get_args(hint))
+    if not is_number(value) or (int not in kinds and float not in kinds):
         return value
-    whole = int in (hint, *get_args(hint)) and value % 1 == 0
+    whole = int in kinds and value % 1 == 0
     return int(value) if whole else float(value)

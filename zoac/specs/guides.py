@@ -12,12 +12,9 @@ from zoac.specs.spec import Spec
 
 
 class Limit(NamedTuple):
-    """A level that a signal shall not cross from one time to another.
+    """A level that a signal shall not cross from one time [s] to another.
 
     Args:
-        level: In the signal's unit.
-        since: [s].
-        until: [s].
         upper: Whether values above the level are forbidden, rather than values below.
     """
 
@@ -74,19 +71,13 @@ def limits(
     """
     found: list[Limit] = []
     for row in rows:
-        if row["signals"][:1] != [name] or row["max"] is None:
-            continue
         start, end = row["window"] or (time[0], time[-1])
         inside = (time >= start) & (time <= end)
-        if not inside.any():
-            continue
-        start, end = float(time[inside][0]), float(time[inside][-1])
-        samples = [values[signal][inside] for signal in row["signals"]]
-        found += [
-            Limit(float(level), float(since), end, upper)
-            for level, since, upper in _levels(row, start, end, samples)
-            if since < end
-        ]
+        if row["signals"][:1] == [name] and row["max"] is not None and inside.any():
+            start, end = float(time[inside][0]), float(time[inside][-1])
+            samples = [values[signal][inside] for signal in row["signals"]]
+            levels = _levels(row, start, end, samples)
+            found += [Limit(float(x), float(t), end, up) for x, t, up in levels if t < end]
     return found
 
 
@@ -135,16 +126,10 @@ def signal_traces(
         reference = named.get(name)
         levels = limits(rows, name, episode.time, first)
         unit = signals[name].unit
-        traces.append(
-            Trace(
-                f"{name} [{unit}]" if unit else name,
-                episode.time,
-                samples,
-                x_label,
-                None if reference is None else (episode.time, first[reference]),
-                tuple(dict.fromkeys(limit.level for limit in levels)),
-            )
-        )
+        title = f"{name} [{unit}]" if unit else name
+        line = None if reference is None else (episode.time, first[reference])
+        marked = tuple(dict.fromkeys(limit.level for limit in levels))
+        traces.append(Trace(title, episode.time, samples, x_label, line, marked))
     if all(spec.hard for spec in specs):
         traces.append(Trace("Cost", episode.time[: segment.length], np.asarray(segment.costs),
                             x_label))  # fmt: skip

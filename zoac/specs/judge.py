@@ -38,10 +38,6 @@ class Judge:
             sample_time: Seconds of a step; None: not known.
             max_episode_steps: An episode that terminates earlier ended before its time.
             parameters: Returns all of them, by name, for mapped ones (d,).
-
-        Raises:
-            ConfigError: If a spec names an unknown signal, needs seconds or a loop that are not
-                there, or is there twice.
         """
         check(specs, signals, sample_time)
         self._specs = tuple(specs)
@@ -104,9 +100,9 @@ def check(specs: Sequence[Spec], signals: Mapping[str, Signal], sample_time: flo
             loop that are not there, or is there twice.
     """
     labels = [spec.label for spec in specs]
-    for spec, label in zip(specs, labels, strict=True):
-        if labels.count(label) > 1:
-            raise ConfigError(f"specs: {label} is there twice")
+    for spec in specs:
+        if labels.count(spec.label) > 1:
+            raise ConfigError(f"specs: {spec.label} is there twice")
         for name in spec.signals:
             if name not in signals:
                 hint = f"name it: signals={{{name!r}: zoac.observation(0)}}"
@@ -114,10 +110,11 @@ def check(specs: Sequence[Spec], signals: Mapping[str, Signal], sample_time: flo
                 raise ConfigError(f"{spec}: no signal {name!r}; {hint}")
         numbers = [signals[name].number for name in spec.signals]
         if numbers and None not in numbers:
+            name = repr(spec.signals[0])
             raise ConfigError(
-                f"{spec}: {spec.signals[0]!r} is the number {numbers[0]:g} at all times, which no "
-                f"tuning can change; for the entry of index 0 of the observation write "
-                f"signals={{{spec.signals[0]!r}: zoac.observation(0)}}"
+                f"{spec}: {name} is the number {numbers[0]:g} at all times, which no tuning can "
+                f"change; for a number of the observation write signals={{{name}: "
+                "zoac.observation(0)}"
             )
         if spec.of_loop and spec.loop is None:
             raise ConfigError(
@@ -132,11 +129,7 @@ def check(specs: Sequence[Spec], signals: Mapping[str, Signal], sample_time: flo
 
 
 def need_episodes(segments: Sequence[Segment]) -> None:
-    """See that specs could be judged.
-
-    Raises:
-        ConfigError: If a segment is a part of an episode.
-    """
+    """Refuse segments that are parts of episodes."""
     if any(segment.spec_values is None for segment in segments):
         raise ConfigError(f"the tuner asked for a part of an episode, and {EPISODES_ONLY}")
 

@@ -16,8 +16,24 @@ from zoac.core.types import is_number
 from zoac.specs import loops, step_info
 from zoac.specs.spec import Loop, Spec
 
+LIMITS = ("max", "min", "over", "weight", "window", "unit")
+"""What every requirement takes beside its own arguments."""
+
+
+def own_arguments(make: Callable[..., Spec]) -> list[str]:
+    """Return the names of a requirement's own arguments."""
+    return [p.name for p in signature(make).parameters.values() if p.kind != p.VAR_KEYWORD]
+
+
+def _refuse_unknown(name: str, limits: Mapping[str, Any]) -> None:
+    for key in limits:
+        if key not in LIMITS:
+            known = [*own_arguments(globals()[name]), *LIMITS]
+            raise ConfigError(f"{name}: no argument {key!r}; {suggest(key, known)}")
+
 
 def _of(name: str, *signals: str, limits: dict[str, Any], **others: Any) -> Spec:
+    _refuse_unknown(name, limits)
     for signal in signals:
         if not isinstance(signal, str):
             raise ConfigError(
@@ -26,29 +42,7 @@ def _of(name: str, *signals: str, limits: dict[str, Any], **others: Any) -> Spec
             )
     if isinstance(window := limits.get("window"), list):  # from a YAML file
         limits["window"] = tuple(window)
-    return Spec(name, signals, getattr(step_info, name), **others, **limits)
-
-
-LIMITS = ("max", "min", "over", "weight", "window")
-"""What every requirement on signals takes beside its own arguments."""
-
-
-def own_arguments(make: Callable[..., Spec]) -> list[str]:
-    """Return the names of a requirement's own arguments."""
-    return [p.name for p in signature(make).parameters.values() if p.kind != p.VAR_KEYWORD]
-
-
-def refuse_unknown(make: Callable[..., Spec], given: Mapping[str, Any], where: str) -> None:
-    """Refuse arguments that a requirement does not have.
-
-    Raises:
-        ConfigError: If there is one, with the nearest that it has.
-    """
-    own = own_arguments(make)
-    known = [*own, *(["max", "min"] if own == ["loop"] else LIMITS)]
-    for key in given:
-        if key not in known:
-            raise ConfigError(f"{where}: no argument {key!r}; {suggest(str(key), known)}")
+    return Spec(name, signals, getattr(step_info, name), **{**others, **limits})
 
 
 PERCENT = 2.0
@@ -165,9 +159,10 @@ def rate(u: str = "u", **limits: Any) -> Spec:
 
 
 def _of_loop(name: str, loop: Loop | None, limits: Mapping[str, Any], unit: str = "") -> Spec:
+    _refuse_unknown(name, limits)
     if is_number(loop):
         raise ConfigError(f"{name}({loop!r}): a limit has a name, such as min={loop!r}")
-    return Spec(name, (), getattr(loops, name), loop=loop, unit=unit, **limits)
+    return Spec(name, (), getattr(loops, name), loop=loop, **{"unit": unit, **limits})
 
 
 def gain_margin(loop: Loop | None = None, **limits: Any) -> Spec:

@@ -50,31 +50,17 @@ class Signal:
 
 
 def observation(index: int, unit: str = "") -> Signal:
-    """Return the signal of one number of the observation.
-
-    Args:
-        index: Which number, from 0.
-        unit: For people to read.
-    """
+    """Return the signal of one number of the observation, by its index from 0."""
     return Signal(f"observation({index})", lambda s: s.observations[:, index], unit)
 
 
 def action(index: int = 0, unit: str = "") -> Signal:
-    """Return the signal of one number of the action that the environment applied.
-
-    Args:
-        index: Which number, from 0.
-        unit: For people to read.
-    """
+    """Return the signal of one number of the action that was applied, by its index from 0."""
     return Signal(f"action({index})", lambda s: s.actions[:, index], unit)
 
 
 def info(key: str, unit: str = "") -> Signal:
-    """Return the signal of a number that the environment returns in `info`, by reset and step.
-
-    Args:
-        key: Its key in `info`.
-        unit: For people to read.
+    """Return the signal of a number that reset and step return in `info`, by its key.
 
     Raises:
         ConfigError: If the key is no text.
@@ -94,22 +80,12 @@ INFO, INFO_BEFORE = "info:", "info before:"
 
 
 def diagnostic(name: str, unit: str = "") -> Signal:
-    """Return the signal of a number that the controller reports at each step.
-
-    Args:
-        name: What the controller calls it.
-        unit: For people to read.
-    """
+    """Return the signal of a number that the controller reports at each step, by its name."""
     return Signal(f"diagnostic({name!r})", lambda s: s.diagnostics[name], unit)
 
 
 def constant(value: float, unit: str = "") -> Signal:
-    """Return a signal that does not change, such as a set-point.
-
-    Args:
-        value: Of every sample.
-        unit: For people to read.
-    """
+    """Return a signal that does not change, such as a set-point."""
     number = float(value)
     return Signal(f"{value:g}", lambda s: np.full(s.length + 1, number), unit, number=number)
 

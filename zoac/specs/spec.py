@@ -148,9 +148,7 @@ class Spec:
         Signals (K, m) of m loops side by side have m figures: the worst counts, of a soft spec the
         mean.
         """
-        if episode.ended < 1.0:
-            return self.worst
-        return self._over_loops(self.figure, episode)
+        return self.worst if episode.ended < 1.0 else self._over_loops(self.figure, episode)
 
     def violation_of(self, episode: Episode, value: float) -> float:
         """Return 1 + v / (1 + v), v being the excess; 0 if the limit holds.
@@ -177,12 +175,7 @@ class Spec:
         return max(math.nextafter(most, math.inf), value)  # a factor may round to 1
 
     def of_loops(self, episode: Episode, figure: Callable[..., float] | None = None) -> list[float]:
-        """Return the figure of each of the loops side by side; of one loop a single number.
-
-        Args:
-            episode: The signals.
-            figure: Another one in the place of this spec's.
-        """
+        """Return a figure, if not another this spec's, of each of the loops side by side."""
         episode = episode.within(self.window)
         samples = [episode.values[name] for name in self.signals]
         count = max(s.shape[1] if s.ndim > 1 else 1 for s in samples)
@@ -193,8 +186,6 @@ class Spec:
     def _over_loops(self, figure: Callable[..., float], episode: Episode) -> float:
         """Return a figure of an episode; of the loops side by side the worst, or the mean."""
         values = self.of_loops(episode, figure)
-        if len(values) == 1:
-            return values[0]
         return self._most_binding(values) if self.hard else float(np.mean(values))
 
     def of_parameters(self, parameters: Mapping[str, Any]) -> float:
@@ -203,31 +194,18 @@ class Spec:
         Raises:
             ConfigError: If the loop cannot be made, or is none of a single input and output.
         """
-        try:
-            return self._number(self.figure(self._made(parameters), **self.options))
-        except ModuleNotFoundError as error:
-            if error.name != "control":
-                raise
-            raise ConfigError(
-                f"{self}: figures of a loop need python-control, which is not installed: "
-                "pip install 'zoac[control]'"
-            ) from None
-
-    def _made(self, parameters: Mapping[str, Any]) -> Any:
-        """Return the loop with these parameters."""
         assert self.loop is not None  # see `zoac.specs.judge.check`
         try:
-            return self.loop(parameters)
-        except (ZoacError, ModuleNotFoundError):
+            return self._number(self.figure(self.loop(parameters), **self.options))
+        except ZoacError:
             raise
-        except KeyError as error:
-            raise ConfigError(
-                f"{self}: loop(parameters) asked for {error}; known: {', '.join(parameters)}"
-            ) from error
         except Exception as error:  # whatever a user's function raises
-            raise ConfigError(
-                f"{self}: loop({dict(parameters)}) raised {as_text(error)}"
-            ) from error
+            why = f"loop({dict(parameters)}) raised {as_text(error)}"
+            if isinstance(error, KeyError):
+                why = f"loop(parameters) asked for {error}; known: {', '.join(parameters)}"
+            elif isinstance(error, ModuleNotFoundError) and error.name == "control":
+                why = "figures of a loop need python-control: pip install 'zoac[control]'"
+            raise ConfigError(f"{self}: {why}") from error
 
     def _number(self, value: float) -> float:
         return self.worst if math.isnan(value) else float(value)

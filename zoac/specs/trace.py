@@ -34,10 +34,6 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
     Args:
         trace: The table, a row for each sample; its time may also be of dates or durations.
         signals: Names of the columns that are needed.
-
-    Raises:
-        ConfigError: If one is missing or there twice, if it holds what is no finite number, or if
-            the time does not increase.
     """
     if not hasattr(trace, "columns"):
         raise ConfigError(
@@ -65,9 +61,7 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
 def _numbers(column: pd.Series, clock: bool) -> np.ndarray:
     """Return a column as numbers; of a clock, dates and durations as seconds.
 
-    Raises:
-        TypeError: If it holds dates or durations and is no clock; as numbers they would be
-            nanoseconds, or microseconds.
+    Elsewhere they raise a TypeError: as numbers they would be nanoseconds, or microseconds.
     """
     if clock and column.dtype.kind == "M":
         column = column - column.iloc[:1].min()
@@ -87,10 +81,6 @@ def judged(
         specs: Hard ones, and soft ones, whose weighted sum is the cost.
         trace: A table as for `episode_of`.
         cost: The cost if all specs are hard, else None.
-
-    Raises:
-        ConfigError: If a signal is missing, the trace cannot be used, or not exactly one of cost
-            and soft specs is there.
     """
     if not specs:
         raise ConfigError("a trace needs specs to judge it; give the study specs=[...]")
@@ -98,13 +88,11 @@ def judged(
     values = [spec.of_episode(episode) for spec in specs]
     pairs = list(zip(specs, values, strict=True))
     soft = [spec.weight * value for spec, value in pairs if not spec.hard]
-    if not soft and cost is None:
-        raise ConfigError(
-            "a trace needs a cost beside it, since every spec of the study has a limit"
-        )
-    if soft and cost is not None:
+    if bool(soft) != (cost is None):
         raise ConfigError(
             "the cost comes from the specs without a limit; give none beside the trace"
+            if soft
+            else "a trace needs a cost beside it, since every spec of the study has a limit"
         )
     violation = sum(spec.violation_of(episode, value) for spec, value in pairs)
     named = {spec.label: value for spec, value in pairs}
@@ -112,11 +100,7 @@ def judged(
 
 
 def as_plain(spec: Spec) -> dict[str, Any]:
-    """Return a spec as JSON can hold it.
-
-    Raises:
-        ConfigError: If it is none of those in `zoac.specs` that look at signals.
-    """
+    """Return a spec as JSON can hold it; refuse a figure that is none of `zoac.specs`."""
     if spec.figure is not getattr(step_info, spec.name, None):
         raise ConfigError(
             f"{spec}: a study judges signals by figures of zoac.specs, and cannot keep a function "
@@ -127,18 +111,10 @@ def as_plain(spec: Spec) -> dict[str, Any]:
 
 
 def from_plain(given: Mapping[str, Any]) -> Spec:
-    """Return the spec that `as_plain` wrote, or that a file holds likewise.
-
-    Raises:
-        ConfigError: If it is none.
-    """
-    if not isinstance(given, Mapping):
-        raise ConfigError(f"{given!r} is no spec; expected one {EXAMPLE}")
-    if missing := [key for key in ("name", "signals") if key not in given]:
-        raise ConfigError(
-            f"{dict(given)!r} has no {' and no '.join(missing)}; expected a spec {EXAMPLE}"
-        )
-    options = dict(given)
+    """Return the spec that `as_plain` wrote, or that a file holds likewise."""
+    if not (isinstance(given, Mapping) and {"name", "signals"} <= given.keys()):
+        raise ConfigError(f"{given!r} is no spec; expected a name and signals, {EXAMPLE}")
+    options = {str(key): value for key, value in given.items()}
     name, signals = options.pop("name"), options.pop("signals")
     known = {k: v for k, v in vars(requirements).items() if k[0] != "_" and hasattr(step_info, k)}
     if str(name) not in known:
@@ -151,7 +127,5 @@ def from_plain(given: Mapping[str, Any]) -> Spec:
             f"spec {name!r}: signals={signals!r}, expected a list of the columns that are "
             f"{', '.join(takes)}; {EXAMPLE}"
         )
-    arguments = {**dict(zip(takes, signals, strict=False)), **options}
-    requirements.refuse_unknown(make, arguments, f"spec {name!r}")
-    spec: Spec = make(**arguments)
+    spec: Spec = make(**{**dict(zip(takes, signals, strict=False)), **options})
     return spec

@@ -49,14 +49,7 @@ def deciding(
     segments: Sequence[Segment], specs: Sequence[Spec], signals: Mapping[str, Signal],
     sample_time: float,
 ) -> Deciding:  # fmt: skip
-    """Return which of whole episodes decides: the worst one for a spec `over="worst"`.
-
-    Args:
-        segments: The episodes.
-        specs: Of the task.
-        signals: By name.
-        sample_time: Seconds of a step.
-    """
+    """Return which of whole episodes decides: the worst one for a spec `over="worst"`."""
     found, furthest = Deciding(0, None), -math.inf
     for j, spec in enumerate(specs):
         if not spec.hard or spec.of_loop or spec.over == "mean":

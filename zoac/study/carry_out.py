@@ -13,15 +13,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from zoac.core.errors import (
-    ConfigError,
-    Interrupted,
-    StudyError,
-    StudyFinished,
-    TrialsPending,
-    as_text,
-    suggest,
-)
+from zoac.core import errors
+from zoac.core.errors import ConfigError, Interrupted, as_text, suggest
 from zoac.runs.lock import locked
 from zoac.runs.loggers.summary import acceptance_line, shown
 from zoac.runs.result import Result, result_of
@@ -55,9 +48,7 @@ def tune_cost(
 
     Raises:
         Interrupted: If Ctrl-C stopped it. What was measured is kept.
-        NothingWorksError: If each of the first ten experiments failed.
-        StudyError: If all of fewer did.
-        ConfigError: If an option cannot be used.
+        StudyError: If each of fewer than ten experiments failed.
         RunFolderError: If another process carries out the study of that folder.
     """
     if not callable(cost):
@@ -122,9 +113,9 @@ def carry_out(study: Study, cost: Cost, *, quiet: bool = True) -> None:
         while not stopped.is_set():
             try:
                 trial = next(left, None) or study.ask(wait=0.2)
-            except TrialsPending:
+            except errors.TrialsPending:
                 continue
-            except StudyFinished:
+            except errors.StudyFinished:
                 return
             result = _result(study, cost, trial)
             if stopped.is_set():
@@ -160,12 +151,10 @@ def _result(study: Study, cost: Cost, trial: Trial) -> dict[str, Any]:
 
 def _interrupted(study: Study, again: str) -> Interrupted:
     """Return the error that holds what is known so far."""
-    trials = study.trials
+    trials, total = study.trials, study.settings.experiments
     ended = sum(not trial.pending for trial in trials)
-    stopped = Interrupted(
-        f"stopped after {ended} of {study.settings.experiments} experiments; {again} goes on"
-    )
-    with suppress(StudyError):
+    stopped = Interrupted(f"stopped after {ended} of {total} experiments; {again} goes on")
+    with suppress(errors.StudyError):
         record = files.result(study.settings, trials, study.best)
         record |= {"finished": False, "warnings": [*record["warnings"], "stopped early"]}
         stopped.record = record
@@ -175,14 +164,11 @@ def _interrupted(study: Study, again: str) -> Interrupted:
 
 
 def from_tune(given: Mapping[str, Any], defaults: Mapping[str, inspect.Parameter]) -> Result:
-    """Return `tune_cost` with the arguments of `zoac.tune`.
+    """Return `tune_cost` with the arguments of `zoac.tune`; refuse those that it has no use for.
 
     Args:
         given: All arguments by name.
         defaults: The parameters of `zoac.tune`.
-
-    Raises:
-        ConfigError: If one is given that experiments have no use for.
     """
     settings = given["settings"]
     given = {**given, **settings}

@@ -72,6 +72,12 @@ def _with_equals(arguments: Sequence[str]) -> list[str]:
     return joined
 
 
+AS_IN_PYTHON = (
+    "tuner", "experiments", "seed", "workers", "acceptance_test", "trial_timeout",
+)  # fmt: skip
+"""Options of `create` that `Study` takes as they are."""
+
+
 def _create(options: argparse.Namespace) -> dict[str, Any]:
     folder = Path(options.folder).expanduser()
     if (folder / RUN).exists():
@@ -79,43 +85,37 @@ def _create(options: argparse.Namespace) -> dict[str, Any]:
     study = Study(
         space=_mapping(options.space),
         folder=folder,
-        tuner=options.tuner,
-        experiments=options.experiments,
-        seed=options.seed,
-        workers=options.workers,
-        baseline=None if options.baseline is None else _mapping(options.baseline),
+        baseline=_mapping(options.baseline),
         baseline_first=not options.no_baseline_first,
         constraints=_numbers(options.limit, "--limit"),
         specs=_specs(options.specs),
-        acceptance_test=options.acceptance_test,
-        trial_timeout=options.trial_timeout,
+        **{name: getattr(options, name) for name in AS_IN_PYTHON},
     )
     return {"folder": str(study.folder), "tuner": study.settings.tuner}
 
 
-def _yaml(path: str) -> Any:
-    """Return what a YAML file holds."""
+def _yaml(path: str, kind: type, expected: str) -> Any:
+    """Return what a YAML file holds, a mapping or a list."""
     try:
-        return OmegaConf.to_container(OmegaConf.load(path))
+        content = OmegaConf.to_container(OmegaConf.load(path))
     except OSError as error:
         why = error.strerror or "expected entries by name, or a list"  # OmegaConf: a number, say
         raise ConfigError(f"{path}: {why}") from None
     except Exception as error:  # whatever a YAML reader raises
         raise ConfigError(f"{path}: cannot be read as YAML: {error}") from None
+    if not isinstance(content, kind):
+        raise ConfigError(f"{path}: expected {expected}")
+    return content
 
 
 def _specs(path: str | None) -> list[Spec]:
-    content = [] if path is None else _yaml(path)
-    if not isinstance(content, list):
-        raise ConfigError(f"{path}: expected a list of specs")
-    return [from_plain(entry) for entry in content]
+    return [from_plain(entry) for entry in _yaml(path, list, "a list of specs")] if path else []
 
 
-def _mapping(path: str) -> dict[str, Any]:
-    """Return what a YAML file has by name."""
-    content = _yaml(path)
-    if not isinstance(content, dict):
-        raise ConfigError(f"{path}: expected entries by name, such as `kp: [0, 20]`")
+def _mapping(path: str | None) -> dict[str, Any] | None:
+    if path is None:
+        return None
+    content = _yaml(path, dict, "entries by name, such as `kp: [0, 20]`")
     return {str(name): value for name, value in content.items()}
 
 
@@ -177,11 +177,12 @@ def _columns(path: str, lines: Iterable[str]) -> int:
     return len(names)
 
 
+TOLD = ("number", "state", "parameters", "cost", "reason", "metrics", "constraints")
+
+
 def _told(trial: Trial) -> dict[str, Any]:
-    told = {"number": trial.number, "state": trial.state, "parameters": trial.parameters}
-    more = {"cost": trial.cost, "reason": trial.reason, "metrics": trial.metrics,
-            "constraints": trial.constraints}  # fmt: skip
-    return told | {key: value for key, value in more.items() if value not in (None, {})}
+    told = {name: getattr(trial, name) for name in TOLD}
+    return {name: value for name, value in told.items() if value not in (None, {})}
 
 
 def _status(options: argparse.Namespace) -> dict[str, Any]:
@@ -253,11 +254,8 @@ def _parser() -> argparse.ArgumentParser:
     tell.add_argument("--trace", metavar="CSV", help="judged by the study's specs")
     for kind in ("metric", "constraint"):
         tell.add_argument(f"--{kind}", action="append", metavar="NAME=NUMBER")
-    abandon = add(
-        "abandon",
-        lambda o: _told(o.study.abandon(o.number, o.reason)),
-        "give up an experiment that never comes back",
-    )
+    abandon = add("abandon", lambda o: _told(o.study.abandon(o.number, o.reason)),
+                  "give up an experiment that never comes back")  # fmt: skip
     abandon.add_argument("number", type=int)
     abandon.add_argument("--reason", default="given up")
     add("status", _status, "print how far the study is")

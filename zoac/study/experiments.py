@@ -25,7 +25,7 @@ def is_program(config: Mapping[str, Any]) -> bool:
 
 
 def run_experiments(config: Mapping[str, Any], task: str, tuner: str) -> dict[str, Any]:
-    """Tune as configured, or go on with or return what is there already.
+    """Tune as configured, or go on with or return what is there already; see `tune_cost`.
 
     Args:
         config: Resolved configuration.
@@ -34,12 +34,6 @@ def run_experiments(config: Mapping[str, Any], task: str, tuner: str) -> dict[st
 
     Returns:
         The content of `result.json`.
-
-    Raises:
-        ConfigError: If the configuration cannot be used.
-        RunFolderError: If the folder holds another study, is damaged or in use.
-        NothingWorksError: If each of the first ten experiments failed.
-        StudyError: If all of fewer did.
     """
     settings = factory.build_settings(config)
     given: ProgramTask = factory.build(config["task"], "task", ProgramTask)
@@ -50,12 +44,13 @@ def run_experiments(config: Mapping[str, Any], task: str, tuner: str) -> dict[st
             "task.space: a value is needed, bounds by name, such as task.space={kp:[0,20]}"
         )
     folder = run_folder.of(config, task, tuner)
-    if (folder / schema.RUN).exists() and config["resume"] != "auto":
-        if config["resume"] == "never":
-            raise RunFolderError(
-                f"{folder} holds a study already and resume=never; use resume=auto to go on with "
-                "it, or another variant=<name>"
-            )
+    there = (folder / schema.RUN).exists()
+    if there and config["resume"] == "never":
+        raise RunFolderError(
+            f"{folder} holds a study already and resume=never; use resume=auto to go on with it, "
+            "or another variant=<name>"
+        )
+    if there and config["resume"] == "overwrite":
         with run_folder.held(folder):
             run_folder.empty(folder)
     result = tune_cost(

@@ -14,18 +14,23 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import Field
+
+from zoac.config.settings import whole_numbers
+from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, ZoacError
-from zoac.core.types import Count, Natural, Positive, is_number
+from zoac.core.types import Count, Natural
 from zoac.rollout.executors import guard
-from zoac.study.state.settings import seconds
 
 FILE = "{file}"
 """Stands for the path of a file with the parameters, in the program's arguments."""
 
 MAX_TIMEOUT = 2_000_000
 """Seconds, 23 days: the operating system waits for no more than 2^31 ms."""
+
+Timeout = Annotated[float, Field(gt=0, le=MAX_TIMEOUT)]
 
 LAST_LINES = 5
 """Lines of a failed program's output that the message shows."""
@@ -51,16 +56,12 @@ class ProgramTask:
     baseline: dict[str, Any] | None = None
     constraints: dict[str, float] | None = None
     experiments: Count = 60
-    timeout: Positive | None = None
+    timeout: Timeout | None = None
     retries: Natural = 0
     cwd: str | None = None
 
     def cost(self) -> Program:
-        """Return the program.
-
-        Raises:
-            ConfigError: If it is not named, or cannot be run.
-        """
+        """Return the program; a `ConfigError` if it is not named, or cannot be run."""
         if self.command is None:
             raise ConfigError(
                 "task.command: a value is needed, the program and its arguments, such as "
@@ -85,18 +86,11 @@ class Program:
         self._stopped = False
 
     def __call__(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Run the program with parameters; return its answer.
-
-        Raises:
-            ProgramError: If the last attempt failed too.
-        """
+        """Run the program; return its answer. A `ProgramError` if the last attempt failed too."""
         text = json.dumps(dict(parameters))
         for _ in range(self.retries):
-            try:
+            with suppress(ProgramError):
                 return self._once(text)
-            except ProgramError:
-                if self._stopped:
-                    raise
         return self._once(text)
 
     def stop(self) -> None:
@@ -112,14 +106,11 @@ class Program:
                 output, errors = process.communicate(given, self.timeout)
             except subprocess.TimeoutExpired:
                 guard.kill(process)
-                output, errors = process.communicate()
-                raise self._failed(
-                    f"did not end within {self.timeout:g} s", output, errors
-                ) from None
+                late = f"did not end within {self.timeout:g} s"
+                raise self._failed(late, *process.communicate()) from None
         if process.returncode:
             raise self._failed(_exit(process.returncode), output, errors)
-        answer = _object(output)
-        if answer is None:
+        if (answer := _object(output)) is None:
             raise self._failed("did not answer with a JSON object", output, errors)
         return answer
 
@@ -137,29 +128,22 @@ class Program:
     @contextmanager
     def _started(self, words: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
         """Yield the running program; when this is left, neither it nor a child of it runs."""
+        pipe = subprocess.PIPE
         with self._mutex:
             if self._stopped:
                 raise ProgramError("stopped")
             try:
-                process = guard.started(
-                    words,
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    stderr=subprocess.PIPE,
-                    cwd=self._cwd,
-                )
+                process = guard.started(words, stdin=pipe, stdout=pipe, stderr=pipe, cwd=self._cwd)
             except OSError as error:
                 raise ProgramError(f"cannot start {words[0]!r}: {error.strerror}") from None
             self._running.add(process)
-        try:
-            with process:  # which closes its pipes and waits
-                try:
-                    yield process
-                finally:
-                    guard.kill(process)
-        finally:
-            with self._mutex:
-                self._running.discard(process)
+        with process:  # which closes its pipes and waits
+            try:
+                yield process
+            finally:
+                guard.kill(process)
+                with self._mutex:
+                    self._running.discard(process)
 
     def _failed(self, what: str, output: bytes, errors: bytes) -> ProgramError:
         said = (errors.strip() or output.strip()).decode(errors="replace").splitlines()
@@ -171,8 +155,8 @@ class Program:
 def program(
     command: Sequence[str] | str,
     *,
-    timeout: float | None = None,
-    retries: int = 0,
+    timeout: Timeout | None = None,
+    retries: Natural = 0,
     cwd: str | Path | None = None,
 ) -> Program:
     """Return an external program as a cost for `zoac.tune(cost=...)`.
@@ -200,11 +184,9 @@ def program(
         raise ConfigError(
             f"program: {command!r} is no command; expected one such as ['./simulate', '--quick']"
         )
-    seconds("timeout", timeout, MAX_TIMEOUT)
-    if not is_number(retries) or retries % 1 or retries < 0:
-        raise ConfigError(f"program: retries={retries!r}, expected a whole number, 0 or more")
-    if not isinstance(cwd, str | Path | None):
-        raise ConfigError(f"program: cwd={cwd!r}, expected a folder")
+    given = {"command": words, "timeout": timeout, "retries": retries, "cwd": cwd}
+    options = whole_numbers(program, given)
+    check_arguments(program, options, "program")
     folder = Path(cwd or ".").expanduser()
     if not folder.is_dir():
         raise ConfigError(f"program: there is no folder {str(folder)!r}")
@@ -216,7 +198,7 @@ def program(
             f"program: {words[0]!r} is not found or may not be executed; expected a program "
             "on the path, or its path, such as './simulate'"
         )
-    return Program(words, timeout, int(retries), folder)
+    return Program(words, options["timeout"], options["retries"], folder)
 
 
 def _object(output: bytes) -> dict[str, Any] | None:

@@ -8,7 +8,6 @@ batches alone: neither on the order in which results are told nor on restarts.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from itertools import compress
 from typing import Any
 
@@ -29,9 +28,6 @@ SAME = 1e-9
 DRIFT = 1e-6
 """How far another processor's rounding may move what a tuner proposes."""
 
-one_thread = partial(threadpool_limits, 1)
-"""The models of a study are small: more threads make them slower, and round otherwise."""
-
 Results = Callable[[int], Trial]
 """The trial of a number."""
 
@@ -45,10 +41,6 @@ class Proposals:
     """
 
     def __init__(self, settings: StudySettings) -> None:
-        """
-        Raises:
-            ConfigError: If the tuner cannot be used.
-        """
         self._settings = settings
         space = settings.space
         self._baseline = None if settings.baseline is None else space.normalise(settings.baseline)
@@ -96,22 +88,19 @@ class Proposals:
         Args:
             number: Of the experiment; not below that of the last call.
             results: Returns earlier trials.
-
-        Raises:
-            TrialsPending: If that depends on trials without a result.
         """
-        with one_thread():
-            while number >= self._first + len(self.batch):
-                self._advance(results)
+        while number >= self._first + len(self.batch):
+            self._advance(results)
         return self.batch[number - self._first].x
 
     def conclusion(self, results: Results) -> tuple[np.ndarray, dict[str, Any]]:
         """Return the tuner's recommendation (d,) after all experiments, and its outcome."""
-        with one_thread():
-            while self._first + len(self.batch) <= self._settings.experiments + 1:
-                self._advance(results)
+        while self._first + len(self.batch) <= self._settings.experiments + 1:
+            self._advance(results)
         return self.tuner.recommend(), self.tuner.outcome()
 
+    # The models of a study are small: more threads make them slower, and round otherwise.
+    @threadpool_limits.wrap(limits=1)
     def _advance(self, results: Results) -> None:
         """Tell the tuner the batch and ask for the next."""
         numbers = range(self._first, self._first + len(self.batch))
@@ -137,11 +126,7 @@ class Proposals:
 
 
 def check(settings: StudySettings) -> Tuner:
-    """Return the tuner; refuse one whose first batch is larger than what it may spend.
-
-    Raises:
-        ConfigError: If it is, or the tuner cannot be used.
-    """
+    """Return the tuner; refuse one whose first batch is larger than what it may spend."""
     searches = settings.experiments - settings.baseline_first
     Proposals(settings)  # says what is wrong with its settings
     if settings.acceptance_test is not None:

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from zoac.config.settings import whole_numbers
 from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, TrialsPending
 from zoac.core.parameters import ParameterSpace
-from zoac.core.types import is_number
+from zoac.core.types import Count, Natural, Positive, is_number
 from zoac.runs.export import export
 from zoac.runs.schema import is_done
 from zoac.specs.spec import Spec
@@ -28,6 +29,12 @@ from zoac.study.state.trial import Trial, measured, number_of, reason_of
 
 if TYPE_CHECKING:
     import pandas as pd
+
+READ_LATER = ("self", "space", "baseline", "constraints", "specs")
+"""Arguments of `Study` that their type hints do not check."""
+
+NO_SETTINGS = ("self", "space", "folder", "trial_timeout", "name", "variant")
+"""Arguments of `Study` that may differ where a study goes on."""
 
 
 class Study:
@@ -50,9 +57,9 @@ class Study:
         folder: str | Path | None = None,
         *,
         tuner: str = "auto",
-        experiments: int = 60,
-        seed: int = 0,
-        workers: int = 1,
+        experiments: Count = 60,
+        seed: Natural = 0,
+        workers: Count = 1,
         baseline: Mapping[str, Any] | None = None,
         baseline_first: bool = True,
         constraints: Mapping[str, float] | None = None,
@@ -61,7 +68,7 @@ class Study:
         initial_sigma: float | None = None,
         initial_samples: int | None = None,
         tuner_options: Mapping[str, Any] | None = None,
-        trial_timeout: float | None = None,
+        trial_timeout: Positive | None = None,
         name: str | None = None,
         variant: str | None = None,
     ) -> None:
@@ -96,29 +103,23 @@ class Study:
             ConfigError: If something given cannot be used.
             RunFolderError: If the folder holds another study, or cannot be used.
         """
-        text = {"tuner": tuner, "folder": folder, "name": name, "variant": variant}
-        others = {"tuner_options": tuner_options, "baseline_first": baseline_first}
-        check_arguments(Study, {**text, **others}, "")
+        given = whole_numbers(Study.__init__, locals())
+        check_arguments(Study, {k: v for k, v in given.items() if k not in READ_LATER}, "")
         if space is None and folder is None:
             raise ConfigError("a study needs a space, or the folder of one that was begun")
         self.folder = path = Path(folder or tempfile.mkdtemp(prefix="zoac-study-")).expanduser()
-        given: dict[str, Any] = {
-            "tuner": tuner, "tuner_options": tuner_options, "experiments": experiments,
-            "workers": workers, "seed": seed, "baseline": baseline,
-            "baseline_first": baseline_first, "constraints": constraints, "specs": specs,
-            "acceptance_test": acceptance_test, "initial_sigma": initial_sigma,
-            "initial_samples": initial_samples,
-        }  # fmt: skip
+        of_study = {key: value for key, value in given.items() if key not in NO_SETTINGS}
         usual = inspect.signature(Study).parameters
-        extra = [name for name, value in given.items() if value is not usual[name].default]
+        extra = [key for key, value in of_study.items() if value is not usual[key].default]
         if space is None and extra:
             raise ConfigError(
                 f"{', '.join(extra)}: a study that is opened by its folder alone keeps its own "
                 "settings; give the space too, or leave this out"
             )
-        settings = None if space is None else new_settings(space, **given)
+        settings = None if space is None else new_settings(space, **of_study)
         called = {"task": name or path.resolve().name, "variant": variant}
-        self.settings, self.trial_timeout = files.opened(path, settings, trial_timeout, called)
+        limit = given["trial_timeout"]
+        self.settings, self.trial_timeout = files.opened(path, settings, limit, called)
         self._ledger = Ledger(path, self.settings.limits)
         if self.finished and not is_done(path):  # killed before the result was written
             with self._ledger.writing():
@@ -145,17 +146,16 @@ class Study:
             try:
                 return self._ask(by)
             except TrialsPending:
-                if time.monotonic() >= until:
+                if (left := until - time.monotonic()) <= 0:
                     raise
-            time.sleep(min(0.05, max(0.0, until - time.monotonic())))
+            time.sleep(min(0.05, left))
 
     def _ask(self, by: str) -> Trial:
         with self._ledger.writing():
             self._ledger.abandon_overdue(self.trial_timeout or np.inf)
             self._finish()
             number = self._ledger.next_number(self.settings.experiments)
-            x = self._tuner.x(number, self._ledger.trial)
-            x = self.settings.space.clip(x)
+            x = self.settings.space.clip(self._tuner.x(number, self._ledger.trial))
             parameters = {**self.settings.space.named(x), **self.settings.fixed}
             self._ledger.write("asked", number, {"by": by, "parameters": parameters, "x": x})
             return self._ledger.trial(number)
@@ -242,8 +242,7 @@ class Study:
     @property
     def finished(self) -> bool:
         """Whether every experiment has a result."""
-        trials = self.trials
-        return len(trials) == self.settings.experiments and not any(t.pending for t in trials)
+        return sum(not trial.pending for trial in self.trials) == self.settings.experiments
 
     @property
     def best(self) -> Trial:
@@ -265,10 +264,9 @@ class Study:
     def _conclusion(self) -> tuple[Trial, dict[str, Any]]:
         with self._ledger.mutex:
             trials = self.trials
-            tested = self.settings.acceptance_test is not None
             repeats = len({trial.x for trial in trials}) < len(trials)
             again = repeats and self._tuner.tuner.measures_again
-            if not self.finished or not (tested or again):
+            if not (self.finished and (again or self.settings.acceptance_test is not None)):
                 return self._ledger.best(), {}
             x, outcome = self._tuner.conclusion(self._ledger.trial)
             return self._ledger.best(x), outcome
@@ -294,6 +292,9 @@ class Study:
 
     def _finish(self) -> None:
         """Write the result of a study that is finished; the lock must be held."""
-        succeeded = any(trial.state == "told" for trial in self.trials)
+        trials = self.trials
+        succeeded = any(trial.state == "told" for trial in trials)
         if self.finished and succeeded and not is_done(self.folder):
-            files.write_result(self.folder, self.settings, self.trials, self.best, self.outcome)
+            best, outcome = self._conclusion
+            found = {**files.result(self.settings, trials, best), **outcome}
+            files.write_result(self.folder, found, trials, best)

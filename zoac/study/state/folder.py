@@ -22,7 +22,7 @@ from zoac.runs import schema
 from zoac.runs.lock import locked
 from zoac.runs.provenance import here_and_now
 from zoac.study.proposals import check
-from zoac.study.state.settings import StudySettings, seconds
+from zoac.study.state.settings import StudySettings
 from zoac.study.state.trial import Trial
 
 
@@ -37,18 +37,15 @@ def opened(
     Args:
         folder: Of the study.
         settings: What the caller wants; None: whatever is there.
-        trial_timeout: Seconds after which a trial is abandoned; None: what the study was begun
-            with.
+        trial_timeout: Seconds; None: those with which the study was begun.
         called: `task` and `variant` of a study that is begun, for tables.
 
     Raises:
-        ConfigError: If the settings cannot be used.
         RunFolderError: If the folder holds something else, or cannot be used.
     """
-    seconds("trial_timeout", trial_timeout)
-    if settings is not None:
+    if settings is not None and not (folder / schema.RUN).exists():
         _begin(folder, settings, trial_timeout, called)
-    elif not (folder / schema.RUN).is_file():
+    if not (folder / schema.RUN).is_file():
         raise RunFolderError(f"there is no study in {folder}; create it, or name its folder")
     record = schema.read_run(folder)
     if "study" not in record:
@@ -64,14 +61,9 @@ def opened(
 
 
 def _begin(
-    folder: Path,
-    settings: StudySettings,
-    trial_timeout: float | None,
-    called: Mapping[str, str | None],
+    folder: Path, settings: StudySettings, timeout: float | None, called: Mapping[str, str | None]
 ) -> None:
-    """Write `run.json` unless there is one."""
-    if (folder / schema.RUN).exists():
-        return
+    """Write `run.json`, unless another process does so first."""
     tuner = check(settings)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -90,7 +82,7 @@ def _begin(
                     "fixed": settings.fixed,
                     "nominal": settings.baseline,
                     **here_and_now(),
-                    "study": {"trial_timeout": trial_timeout},
+                    "study": {"trial_timeout": timeout},
                     "tuner_name": tuner.display_name or settings.tuner,
                     **called,
                 }
@@ -102,28 +94,15 @@ def _begin(
 
 
 def write_result(
-    folder: Path,
-    settings: StudySettings,
-    trials: Sequence[Trial],
-    best: Trial,
-    outcome: dict[str, Any],
+    folder: Path, found: Mapping[str, Any], trials: Sequence[Trial], best: Trial
 ) -> None:
-    """Write `metrics.jsonl` and `result.json` of a finished study.
-
-    Args:
-        folder: Of the study.
-        settings: Of the study.
-        trials: All of them.
-        best: The answer.
-        outcome: What the tuner adds to the result.
-    """
+    """Write `metrics.jsonl` and `result.json` of a finished study, whose result is `found`."""
     rows = [*_improvements(trials), {**_row(best, trials), "final": True}]
     lines = "".join(map(schema.json_line, rows))
     schema.write_atomically(folder / schema.METRICS, lines.encode())
     run = schema.read_run(folder)
     identity = {k: run[k] for k in ("format", "task", "tuner", "seed", "variant", "config_hash")}
-    schema.write_json(folder / schema.RESULT, {**identity, **result(settings, trials, best),
-                                               **outcome})  # fmt: skip
+    schema.write_json(folder / schema.RESULT, {**identity, **found})
 
 
 def result(settings: StudySettings, trials: Sequence[Trial], best: Trial) -> dict[str, Any]:
@@ -144,8 +123,7 @@ def result(settings: StudySettings, trials: Sequence[Trial], best: Trial) -> dic
         good = [t for t in later if t.cost is not None] if first.cost is None else [first]
         found["baseline_cost_mean"] = None
         if good:
-            mean = float(np.array([t.cost for t in good], dtype=np.float64).mean())
-            found["baseline_cost_mean"] = mean
+            found["baseline_cost_mean"] = mean = float(np.mean([t.rank[1] for t in good]))
             found["baseline"] = {"cost_mean": mean, **good[0].metrics}
     if best.violation > 0:
         found["warnings"] += ["no experiment kept all constraints; the answer breaks them least"]
@@ -161,12 +139,10 @@ def result(settings: StudySettings, trials: Sequence[Trial], best: Trial) -> dic
 def _improvements(trials: Sequence[Trial]) -> list[dict[str, Any]]:
     """Return a row for the first success and for every better one, by number."""
     rows: list[dict[str, Any]] = []
-    best: Trial | None = None
+    best = (math.inf, math.inf)
     for count, trial in enumerate(trials, start=1):
-        if trial.cost is None:
-            continue
-        if best is None or (trial.violation, trial.cost) < (best.violation, best.cost):
-            best = trial
+        if trial.state == "told" and trial.rank < best:
+            best = trial.rank
             rows.append({**_row(trial, trials[:count]), "final": False})
     return rows
 

@@ -35,11 +35,7 @@ class Journal:
 
     @contextmanager
     def writing(self) -> Iterator[None]:
-        """Hold the journal's lock, which one process and thread has at a time.
-
-        Raises:
-            RunFolderError: If the folder cannot be written.
-        """
+        """Hold the journal's lock, which one process and thread has at a time."""
         try:
             with locked(self._lock, wait=True, poll=0.005):
                 yield

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zoac.core.errors import NothingWorksError, RunFolderError, StudyError, StudyFinished
-from zoac.rollout.outcomes import ranking
 from zoac.study.state.journal import Journal
 from zoac.study.state.trial import KEYS, Trial, ended
 
@@ -55,11 +54,7 @@ class Ledger:
                 self.write("abandoned", trial.number, reason)
 
     def refreshed(self) -> Ledger:
-        """Take in what was written since; return this ledger.
-
-        Raises:
-            RunFolderError: If the journal is damaged, or contradicts itself.
-        """
+        """Take in what was written since; return this ledger."""
         with self.mutex:
             for row in self._journal.news():
                 self._take(row["number"], row)
@@ -79,11 +74,7 @@ class Ledger:
         self._results[number] = row
 
     def has(self, number: int, result: Mapping[str, Any]) -> bool:
-        """Tell whether a trial has this very result already.
-
-        Raises:
-            StudyError: If it has another one, or there is no such trial.
-        """
+        """Tell whether a trial has this very result already; refuse another one."""
         trial = self.trial(number)
         if trial.pending:
             return False
@@ -94,11 +85,7 @@ class Ledger:
         raise StudyError(f"trial {number} has a result already: {told(trial)}")
 
     def trial(self, number: int) -> Trial:
-        """Return a trial.
-
-        Raises:
-            StudyError: If there is none of this number.
-        """
+        """Return a trial; a `StudyError` if there is none of this number."""
         if not isinstance(number, int) or not 1 <= number <= len(self._trials):
             known = f"1 to {len(self._trials)}" if self._trials else "none so far"
             raise StudyError(f"there is no trial {number!r}; asked: {known}")
@@ -110,12 +97,7 @@ class Ledger:
         return list(self._trials)
 
     def next_number(self, experiments: int) -> int:
-        """Return the number of the next trial.
-
-        Raises:
-            NothingWorksError: If each of the first `HOPELESS` failed.
-            StudyFinished: If the study's experiments have all been asked for.
-        """
+        """Return the number of the next trial, unless there is to be none."""
         first = self._trials[:HOPELESS]
         if len(first) == HOPELESS and all(t.state in ("failed", "abandoned") for t in first):
             reasons = dict.fromkeys(str(first[i].reason) for i in (0, -1))
@@ -135,20 +117,15 @@ class Ledger:
         Args:
             x: Look only at trials with these normalised parameters (d,), failed ones if there is
                 no other.
-
-        Raises:
-            StudyError: If none has succeeded.
         """
         there = [t for t in self._trials if x is None or _is_at(t, x)]
-        good = [t for t in there if t.state == "told"]
-        if x is not None and there and not good:
+        if good := [t for t in there if t.state == "told"]:
+            return min(good, key=lambda trial: trial.rank)
+        if x is not None and there:
             return there[0]
-        if not good:
-            first = next((t for t in self._trials if t.reason), None)
-            told = f"; trial {first.number}: {first.reason}" if first else ""
-            raise StudyError(f"no experiment has succeeded yet{told}")
-        costs = np.array([t.cost for t in good], dtype=np.float64)
-        return good[ranking(np.array([t.violation for t in good]), costs)[0]]
+        first = next((t for t in self._trials if t.reason), None)
+        why = f"; trial {first.number}: {first.reason}" if first else ""
+        raise StudyError(f"no experiment has succeeded yet{why}")
 
     def frame(self) -> pd.DataFrame:
         """Return a row for each trial."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -17,6 +16,7 @@ from zoac.core.types import is_number
 from zoac.runs import schema
 from zoac.specs.spec import Spec
 from zoac.specs.trace import as_plain, from_plain
+from zoac.study.state.trial import numbers
 from zoac.tasks.user_space import parse_space
 from zoac.tasks.user_specs import specs_of
 
@@ -67,20 +67,13 @@ def new_settings(
     specs: Sequence[Spec],
     **others: Any,
 ) -> StudySettings:
-    """Return checked settings; see `zoac.study.study.Study` for the arguments.
-
-    Raises:
-        ConfigError: If one of them cannot be used.
-    """
+    """Return checked settings; see `zoac.study.study.Study` for the arguments."""
     check_arguments(Settings, whole_numbers(Settings, others), "")
     parsed, fixed, values = parse_space(space, baseline)
-    _refuse_not_finite("space", fixed)
-    _refuse_not_finite("tuner_options", tuner_options or {})
-    for name, value, least in (("experiments", experiments, 1), ("seed", seed, 0),
-                               ("workers", workers, 1)):  # fmt: skip
-        if not is_number(value) or value % 1 or value < least:
-            raise ConfigError(f"{name}={value!r}: expected a whole number, {least} or more")
-    named = _tuner(tuner, parsed.dimension, int(experiments), int(workers))
+    limits = numbers(constraints, "constraints")
+    given = {"space": fixed, "tuner_options": tuner_options or {}, "constraints": limits}
+    _refuse_not_finite(given)
+    named = _tuner(tuner, parsed.dimension, experiments, workers)
     node = configuration(task=None, tuner=named)["tuner"]
     options = dict(tuner_options or {})
     if values and "start" in node:
@@ -94,24 +87,17 @@ def new_settings(
             "space": [asdict(p) for p in parsed.parameters],
             "fixed": fixed,
             "baseline": values or None,
-            "limits": _limits(constraints),
+            "limits": limits,
             "specs": [as_plain(spec) for spec in specs_of(specs)],
         },
         "tuner": {**node, **options},
-        "seed": int(seed),
-        "budget": int(experiments),
-        "num_envs": int(workers),
+        "seed": seed,
+        "budget": experiments,
+        "num_envs": workers,
         "baseline_first": baseline_first and bool(values),
         **others,
     }
     return StudySettings(schema.plain(config), named)
-
-
-def seconds(name: str, value: Any, most: float = sys.float_info.max) -> None:
-    """Refuse what is neither None nor a number of seconds above zero, `most` at the most."""
-    if value is not None and not (is_number(value) and 0 < value <= most):
-        limit = f" and at most {most:g}" if most < sys.float_info.max else ""
-        raise ConfigError(f"{name}={value!r}: expected seconds, above zero{limit}, or None")
 
 
 def _tuner(name: str, dimension: int, experiments: int, workers: int) -> str:
@@ -129,19 +115,9 @@ def _tuner(name: str, dimension: int, experiments: int, workers: int) -> str:
     return name
 
 
-def _refuse_not_finite(of: str, values: Mapping[str, Any]) -> None:
+def _refuse_not_finite(given: Mapping[str, Mapping[str, Any]]) -> None:
     """Refuse numbers that JSON lacks: `schema.plain` would make them None."""
-    for name, value in values.items():
-        if is_number(value) and not math.isfinite(value):
-            raise ConfigError(f"{of}[{name!r}]={value!r}: expected a finite number")
-
-
-def _limits(constraints: Mapping[str, float] | None) -> dict[str, float]:
-    if not isinstance(constraints, Mapping | None):
-        raise ConfigError(f"constraints={constraints!r}: expected limits by name")
-    limits = {}
-    for name, limit in (constraints or {}).items():
-        if not is_number(limit) or not math.isfinite(limit):
-            raise ConfigError(f"constraint {name!r}: limit={limit!r}, expected a finite number")
-        limits[name] = float(limit)
-    return limits
+    for of, values in given.items():
+        for name, value in values.items():
+            if is_number(value) and not math.isfinite(value):
+                raise ConfigError(f"{of}[{name!r}]={value!r}: expected a finite number")

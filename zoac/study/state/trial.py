@@ -61,13 +61,14 @@ class Trial:
         """Whether no result is known yet."""
         return self.state == "pending"
 
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Violation and cost: the least is the best."""
+        return self.violation, math.inf if self.cost is None else self.cost
+
 
 def number_of(given: Any) -> int:
-    """Return the number of a trial, which is given by itself or by its number.
-
-    Raises:
-        StudyError: If it is neither.
-    """
+    """Return the number of a trial, which is given by itself or by its number."""
     number = given.number if isinstance(given, Trial) else given
     if not is_number(number) or number % 1:
         raise StudyError(f"there is no trial {given!r}; expected a trial or its number")
@@ -75,11 +76,7 @@ def number_of(given: Any) -> int:
 
 
 def reason_of(given: Any) -> dict[str, Any]:
-    """Return why an experiment has no cost, as the journal's row holds it.
-
-    Raises:
-        ConfigError: If it is neither text nor an exception.
-    """
+    """Return why an experiment has no cost, as the journal's row holds it."""
     if isinstance(given, Exception):
         given = as_text(given)
     if not isinstance(given, str):
@@ -99,7 +96,7 @@ def measured(
     trace: pd.DataFrame | None = None,
     specs: Sequence[Spec] = (),
 ) -> dict[str, Any]:
-    """Return what an experiment gave, as the journal's row holds it.
+    """Return what an experiment gave, as the journal's row holds it; see `Study.tell`.
 
     Args:
         answer: The cost; or a mapping with `cost` and, if wanted, `metrics` and `constraints`,
@@ -109,10 +106,6 @@ def measured(
         constraints: Beside those of the answer.
         trace: See `zoac.specs.trace.episode_of`.
         specs: Of the study, which judge the trace.
-
-    Raises:
-        ConfigError: If the answer is neither, the cost is not finite, a metric has a name that
-            results use, a constraint with a limit was not measured, or the trace cannot be judged.
     """
     excess, of_specs = 0.0, dict[str, float]()
     if trace is not None:
@@ -127,33 +120,31 @@ def measured(
     cost = _number(answer["cost"], "the cost")
     if not math.isfinite(cost):
         raise ConfigError(f"the cost is {cost}, expected a finite number")
-    numbers = _numbers(answer.get("metrics"), "metrics") | _numbers(metrics, "metrics")
-    for name in numbers:
+    named = dict[str, dict[str, float]]()
+    for kind, beside in (("metrics", metrics), ("constraints", constraints)):
+        named[kind] = numbers(answer.get(kind), kind) | numbers(beside, kind)
+    named["specs"] = of_specs
+    for name in named["metrics"]:
         refuse_reserved(name)
-    values = _numbers(answer.get("constraints"), "constraints")
-    values |= _numbers(constraints, "constraints")
-    missing = [name for name in limits if name not in values]
-    if missing:
+    if missing := [name for name in limits if name not in named["constraints"]]:
         raise ConfigError(
             f"the answer does not say the constraint(s) {', '.join(missing)}, which have a limit"
         )
-    named = {"metrics": numbers, "constraints": values, "specs": of_specs}
-    more = {"excess": excess, **{kind: _storable(given) for kind, given in named.items()}}
-    row: dict[str, Any] = plain({"cost": cost, **{k: v for k, v in more.items() if v}})
-    return row
+    # Text such as "-inf" stands for what JSON has no number for.
+    storable = {
+        kind: {name: v if math.isfinite(v) else str(v) for name, v in given.items()}
+        for kind, given in named.items()
+    }
+    row = {"cost": cost, "excess": excess, **storable}
+    return {key: plain(value) for key, value in row.items() if value or key == "cost"}
 
 
-def _storable(numbers: Mapping[str, float]) -> dict[str, float | str]:
-    """Return numbers by name, as text such as "-inf" where JSON has no such number."""
-    return {name: v if math.isfinite(v) else str(v) for name, v in numbers.items()}
-
-
-def _numbers(given: Any, kind: str) -> dict[str, float]:
-    if given is None:
-        return {}
-    if not isinstance(given, Mapping):
+def numbers(given: Any, kind: str) -> dict[str, float]:
+    """Return numbers by name; refuse what is none."""
+    if not isinstance(given, Mapping | None):
         raise ConfigError(f"{kind}: expected numbers by name, got {given!r}")
-    return {str(name): _number(value, f"{kind}: {name!r}") for name, value in given.items()}
+    pairs = (given or {}).items()
+    return {str(name): _number(value, f"{kind}: {name!r}") for name, value in pairs}
 
 
 def _number(value: Any, what: str) -> float:
@@ -169,16 +160,9 @@ def violation(constraints: Mapping[str, float], limits: Mapping[str, float]) -> 
 
     Each counts as `graded` by its excess relative to the limit. A constraint without a limit has
     the limit 0, and an excess of 1 then counts as v = 1.
-
-    Args:
-        constraints: Measured values by name.
-        limits: By name.
     """
-    total = 0.0
-    for name, value in constraints.items():
-        limit = limits.get(name, 0.0)
-        total += graded((value - limit) / (abs(limit) or 1.0))
-    return total
+    above = ((value, limits.get(name, 0.0)) for name, value in constraints.items())
+    return sum(graded((value - limit) / (abs(limit) or 1.0)) for value, limit in above)
 
 
 def ended(trial: Trial, row: Mapping[str, Any], limits: Mapping[str, float]) -> Trial:
