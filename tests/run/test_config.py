@@ -13,7 +13,7 @@ from zoac.config.compose import (
     resolved,
     variant_of,
 )
-from zoac.config.schema import with_whole_steps
+from zoac.config.overrides import with_whole_steps
 from zoac.core.errors import ConfigError
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -176,9 +176,16 @@ def test_a_variant_is_what_the_overrides_change_beyond_identity():
 
 def test_explanations_do_not_show_hydras_inner_names():
     with pytest.raises(ConfigError) as error:
-        compose_config(["budget=x"])
-    assert "full_key" not in str(error.value)
-    assert "object_type" not in explain(error.value.__cause__, ["budget=x"])
+        resolved(compose_config(["seed=${nope}"]))
+    assert str(error.value) == "seed: Interpolation key 'nope' not found"
+
+
+def test_numbers_from_the_shells_environment_are_numbers(monkeypatch):
+    monkeypatch.setenv("NUMBER", "3")
+    written = ["seed=${oc.env:NUMBER}", "failure_penalty=${oc.env:NUMBER}", "variant=3", "budget=1e3"]
+    config = resolved(compose_config(written))
+    names = ("seed", "failure_penalty", "variant", "budget")
+    assert repr([config[name] for name in names]) == "[3, 3.0, '3', 1000]"
 
 
 def test_an_experiment_changes_the_keys_of_the_run():

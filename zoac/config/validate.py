@@ -92,7 +92,8 @@ def check_arguments(
     for name, value in given.items():
         if name not in accepted:
             if not open_ended:
-                faults.append(f"{where}: unknown key {name!r}; {suggest(name, accepted)}")
+                place = f"{where}: " if where else ""
+                faults.append(f"{place}unknown key {name!r}; {suggest(name, accepted)}")
         elif not (isinstance(value, Mapping) and TARGET in value):
             key = f"{where}.{name}" if where else name
             hint = hints.get(name, Any)

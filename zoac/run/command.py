@@ -25,7 +25,7 @@ from zoac.config.compose import (
     resolved,
     variant_of,
 )
-from zoac.config.schema import refuse_flags, with_whole_steps
+from zoac.config.overrides import refuse_flags, with_whole_steps
 from zoac.core.errors import ConfigError, ZoacError, as_text
 from zoac.run import sweep_report
 from zoac.run.help import usage

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from typing import Any
 
 from zoac.config.files import configuration
-from zoac.config.settings import Settings, whole_numbers
+from zoac.config.settings import Settings, converted
 from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.parameters import Parameter, ParameterSpace
@@ -72,7 +72,7 @@ def new_settings(
     Raises:
         ConfigError: If one of them cannot be used.
     """
-    check_arguments(Settings, whole_numbers(Settings, others), "")
+    check_arguments(Settings, converted(Settings, others), "")
     parsed, fixed, values = parse_space(space, baseline)
     _refuse_not_finite("space", fixed)
     _refuse_not_finite("tuner_options", tuner_options or {})
