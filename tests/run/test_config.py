@@ -182,7 +182,12 @@ def test_explanations_do_not_show_hydras_inner_names():
 
 def test_numbers_from_the_shells_environment_are_numbers(monkeypatch):
     monkeypatch.setenv("NUMBER", "3")
-    written = ["seed=${oc.env:NUMBER}", "failure_penalty=${oc.env:NUMBER}", "variant=3", "budget=1e3"]
+    written = [
+        "seed=${oc.env:NUMBER}",
+        "failure_penalty=${oc.env:NUMBER}",
+        "variant=3",
+        "budget=1e3",
+    ]
     config = resolved(compose_config(written))
     names = ("seed", "failure_penalty", "variant", "budget")
     assert repr([config[name] for name in names]) == "[3, 3.0, '3', 1000]"
