@@ -53,37 +53,39 @@ class Case:
 
 def message(case: Case) -> tuple[int, str]:
     """Return exit code and message of one case, run in a fresh folder; a traceback is code 99."""
-    here, argv, full_error = Path.cwd(), sys.argv, os.environ.get("HYDRA_FULL_ERROR")
-    output, errors = io.StringIO(), io.StringIO()
+    here = Path.cwd()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         sys.path.insert(0, folder)  # as `python -m` does
         try:
             case.prepare()
-            code = _main(case.typed.split(), output, errors)
+            code, _, errors = answer(*case.typed.split())
         finally:
             os.chdir(here)
             sys.path.remove(folder)
-            sys.argv = argv
-            if full_error is None:
-                os.environ.pop("HYDRA_FULL_ERROR", None)
-    return code, errors.getvalue().strip().replace(str(Path(folder).resolve()), "<here>")
+    return code, errors.strip().replace(str(Path(folder).resolve()), "<here>")
 
 
-def _main(arguments: list[str], output: io.StringIO, errors: io.StringIO) -> int:
+def answer(*arguments: str) -> tuple[int, str, str]:
+    """Return exit code, output and errors of `python -m zoac.run`, called in this process."""
+    argv, full_error = sys.argv, os.environ.get("HYDRA_FULL_ERROR")
     sys.argv = ["zoac.run", *arguments]
+    output, errors, code = io.StringIO(), io.StringIO(), 0
     with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
         try:
             command.main()
         except SystemExit as stop:
+            code = 1 if isinstance(stop.code, str) else int(stop.code or 0)
             if isinstance(stop.code, str):
                 print(stop.code, file=sys.stderr)
-                return 1
-            return int(stop.code or 0)
         except BaseException:
             traceback.print_exc()
-            return 99
-    return 0
+            code = 99
+        finally:
+            sys.argv = argv
+            if full_error is None:
+                os.environ.pop("HYDRA_FULL_ERROR", None)
+    return code, output.getvalue(), errors.getvalue()
 
 
 @functools.cache
@@ -93,7 +95,7 @@ def _a_run() -> Path:
     _kept.append(kept)
     here = Path.cwd()
     os.chdir(kept.name)
-    code = _main([*SHORT, "variant=mine", "checkpoint_seconds=0"], io.StringIO(), io.StringIO())
+    code, *_ = answer(*SHORT, "variant=mine", "checkpoint_seconds=0")
     os.chdir(here)
     assert code == 0
     return Path(kept.name)

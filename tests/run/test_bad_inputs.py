@@ -11,16 +11,14 @@ from stress import bad_inputs
 PAGE = Path(__file__).parents[2] / "docs" / "errors.md"
 
 
-@functools.cache
-def answer(case):
-    return bad_inputs.message(case)
+message = functools.cache(bad_inputs.message)
 
 
 @pytest.mark.parametrize(
     "case", bad_inputs.CASES, ids=[f"{c.typed[:50]} {c.after}".strip() for c in bad_inputs.CASES]
 )
 def test_a_bad_input_gets_one_message_that_names_it_and_what_is_valid(case):
-    code, text = answer(case)
+    code, text = message(case)
     assert code in (1, 2)
     assert "Traceback" not in text
     assert text.count("\n") < 24
@@ -32,7 +30,7 @@ def test_a_bad_input_gets_one_message_that_names_it_and_what_is_valid(case):
 def test_the_documented_messages_are_those_that_are_given():
     page = PAGE.read_text()
     told = [
-        bad_inputs.without_lists(answer(case)[1]) for case in bad_inputs.CASES if not case.varies
+        bad_inputs.without_lists(message(case)[1]) for case in bad_inputs.CASES if not case.varies
     ]
     missing = [text for text in told if text not in page]
     assert missing == [], "python -m stress.bad_inputs > docs/errors.md"
