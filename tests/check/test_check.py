@@ -173,11 +173,12 @@ def test_a_parameter_without_effect_is_named():
     assert text.endswith("steps: b")
 
 
-def test_a_slow_step_is_named():
+def test_a_slow_step_is_named(monkeypatch):
     def slow(params, obs):
-        time.sleep(environment.SLOW + 0.01)
+        time.sleep(0.002)
         return act(params, obs)
 
+    monkeypatch.setattr(environment, "SLOW", 0.001)
     assert not check.time_per_step(task(controller=slow))[0]
 
 

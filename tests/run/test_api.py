@@ -7,7 +7,6 @@ import threading
 from functools import partial
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -125,16 +124,11 @@ class Locked(Drift):
         ({}, {"metrics": {"effort": lambda s: s.costs}}, "code.metrics.effort: '(absent)'"),
         ({}, {"budget": 500}, "budget: 400 there, 500 now"),
         ({"env": partial(Sized, 1.0)}, {"env": partial(Sized, 0.01)}, "code.env: '"),
-        ({"env": Sized(1.0)}, {"env": Sized(2.0)}, "code.env: '"),
-        ({"controller": lambda p, o: -o}, {"controller": lambda p, o: o}, "code.controller: '"),
         ({"controller": Gained(1.0)}, {"controller": Gained(2.0)}, "code.controller: '"),
         ({"constraints": {"x": above(1.0)}}, {"constraints": {"x": above(2.0)}},
          "code.constraints.x: '"),
-        ({"metrics": {"y": above(1.0)}}, {"metrics": {"y": above(2.0)}}, "code.metrics.y: '"),
         ({"plant": {"size": 1.0}, "env": Sized}, {"plant": {"size": 2.0}, "env": Sized},
          "task.plant.size: 1.0 there, 2.0 now"),
-        ({"env": gymnasium.make("Pendulum-v1")}, {"env": gymnasium.make("Pendulum-v1", g=9.0)},
-         "code.env: 'Pendulum-v1@"),
     ],
 )  # fmt: skip
 def test_a_folder_with_another_run_is_refused_by_what_differs(tmp_path, first, second, told):
