@@ -196,7 +196,7 @@ def test_overwrite_begins_the_run_of_a_folder_again(tmp_path):
     kept = task_of_run(tmp_path / "run", trust_code=True).make_controller()
     action, *_ = kept.act({"k": np.array([1.0])}, np.array([[2.0]]), kept.init(1))
     assert action == other({"k": 1.0}, [2.0])
-    with pytest.raises(ConfigError, match="auto, never, overwrite"):
+    with pytest.raises(ConfigError, match="'auto', 'never' or 'overwrite'"):
         tune(folder=tmp_path / "run", resume="sometimes")
 
 
