@@ -425,9 +425,9 @@ def test_other_values_for_the_same_results_are_noticed(tmp_path):
         ({"variant": 5}, "variant=5: input should be a valid string"),
         ({"initial_samples": "x"}, "initial_samples='x': input should be a valid integer"),
         ({"initial_sigma": 2.0}, "initial_sigma"),
-        ({"acceptance_test": math.nan}, "acceptance_test: NaN is not a value"),
-        ({"initial_sigma": math.inf}, "initial_sigma: inf is not a value"),
-        ({"initial_samples": math.nan}, "initial_samples: NaN is not a value"),
+        ({"acceptance_test": math.nan}, "acceptance_test=nan: input should be a finite"),
+        ({"initial_sigma": math.inf}, "initial_sigma=inf: input should be a finite"),
+        ({"initial_samples": math.nan}, "initial_samples=nan: input should be a valid integer"),
         ({"trial_timeout": math.inf}, "trial_timeout=inf: expected seconds, above zero"),
         (
             {"tuner_options": {"sigma": math.nan}},
