@@ -43,7 +43,7 @@ class Cheap(Search):
 
 
 def cheap(folder, **changes):
-    return Cheap(changes.pop("runs", RUNS), folder=str(folder), **{**OPTIONS, **changes})
+    return Cheap(overrides=changes.pop("runs", RUNS), folder=str(folder), **{**OPTIONS, **changes})
 
 
 def seen(search):
@@ -103,12 +103,12 @@ def test_a_search_of_somebody_else_opens_no_pickle(tmp_path, stopping):
     options = {**OPTIONS, "trials": 1, "seeds": [5]}
     stopping(1)
     with pytest.raises(KeyboardInterrupt):
-        Search(runs, folder=str(tmp_path), **options).run()
+        Search(overrides=runs, folder=str(tmp_path), **options).run()
     stopping(None)
     (current,) = tmp_path.rglob(checkpoint.CURRENT)
     with_a_trap(current, tmp_path / "trace")
     (current.parents[1] / "task.pkl").write_bytes(pickle.dumps(Traps(tmp_path / "trace")))
-    search = Search(runs, folder=str(tmp_path), **options)
+    search = Search(overrides=runs, folder=str(tmp_path), **options)
     search.run()
     search.conclude()
     assert [value is None for _, _, value in seen(search)] == [True, False]  # it was gone on with
@@ -123,7 +123,7 @@ def test_a_trial_that_begins_badly_is_dropped(tmp_path):
             self.seeds_run += 1
             return float(trial.number)  # each worse than all before it
 
-    search = Late(RUNS, folder=str(tmp_path), **{**OPTIONS, "prune": True, "trials": 7})
+    search = Late(overrides=RUNS, folder=str(tmp_path), **{**OPTIONS, "prune": True, "trials": 7})
     search.run()
     states = [t.state.name for t in search._study.get_trials()]
     assert states == ["COMPLETE"] * 5 + ["PRUNED"] * 2
@@ -136,7 +136,7 @@ def test_a_trial_that_cannot_run_counts_as_failed_and_is_not_taken_up(tmp_path):
             raise ControllerError("no")
 
     with pytest.raises(ControllerError):
-        Broken(RUNS, folder=str(tmp_path), **OPTIONS).run()
+        Broken(overrides=RUNS, folder=str(tmp_path), **OPTIONS).run()
     again = cheap(tmp_path, trials=3)
     again.run()
     assert [t.state.name for t in again._study.get_trials()] == ["FAIL", "COMPLETE", "COMPLETE"]

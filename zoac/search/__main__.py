@@ -67,7 +67,7 @@ def main() -> None:
         return
     try:
         runs, own = split(sys.argv[1:])
-        search = Search(runs, **_options_of_search(runs, own))
+        search = Search(overrides=runs, **_options_of_search(runs, own))
         search.run()
         search.conclude()
     except ZoacError as error:
