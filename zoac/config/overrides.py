@@ -50,9 +50,7 @@ def refuse_flags(arguments: Sequence[str]) -> None:
 def why_unreadable(text: str, error: Exception) -> str:
     """Return why Hydra cannot read an override, and what to write.
 
-    Args:
-        text: The override.
-        error: Hydra's; its cause knows the place of a character that no override may have there.
+    The cause of Hydra's error knows the place of a character that no override may have there.
     """
     key, equals, value = text.partition("=")
     if not equals:

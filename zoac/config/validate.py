@@ -29,11 +29,7 @@ TARGET = "_target_"
 
 
 def locate(path: str, where: str) -> Callable[..., Any]:
-    """Return the class or function of a dotted path, such as a `_target_`.
-
-    Args:
-        path: "package.module.Name".
-        where: The key that names it, for messages.
+    """Return the class or function of a dotted path, which the key `where` names.
 
     Raises:
         ConfigError: If it cannot be imported or has no such name.
