@@ -72,7 +72,8 @@ def _replayed(
     is given copies of the observations.
     """
     values = task.space.values(segment.proposal.x)
-    parameters = {n: v[None] for n, v in zip(task.space.names, values, strict=True)} | changed
+    parameters = dict(zip(task.space.names, values[:, None], strict=True))
+    parameters.update(changed)
     controller = controller or task.make_controller()
     memory, actions = controller.init(1) if memory is None else memory, []
     for observation in segment.observations[:-1].copy() if observations is None else observations:

@@ -228,7 +228,8 @@ def _siblings(key: str, overrides: Sequence[str]) -> str:
             break
     if node is None and "." in parent:  # what is unknown stands further up
         return _siblings(parent, overrides)
-    known = option_names(OmegaConf.to_container(node)) if isinstance(node, DictConfig) else []
+    plain: Any = OmegaConf.to_container(node) if isinstance(node, DictConfig) else {}
+    known = option_names(plain)
     if parent in GROUPS and not known:
         option = config.hydra.runtime.choices.get(parent)
         return f"{parent}={option} has no keys; choices: {', '.join(choices(parent))}"

@@ -15,7 +15,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from hydra.experimental.callback import Callback
 from hydra.types import RunMode
-from omegaconf import DictConfig, ListConfig, OmegaConf, read_write
+from omegaconf import DictConfig, OmegaConf, read_write
 from omegaconf.errors import OmegaConfBaseException
 
 from zoac.config.compose import (
@@ -74,9 +74,9 @@ class SweepStart(Callback):
             _end_jobs_with_this_process(Path(folder))
 
 
-def _as_typed(overrides: ListConfig) -> list[str]:
+def _as_typed(overrides: Any) -> list[str]:
     """Return overrides with their ${...}, which cannot be resolved before a sweep has jobs."""
-    return [str(text) for text in OmegaConf.to_container(overrides)]
+    return list(OmegaConf.to_container(overrides))  # type: ignore[arg-type]
 
 
 def _end_jobs_with_this_process(folder: Path) -> None:
