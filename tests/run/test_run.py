@@ -52,28 +52,28 @@ def test_multirun_flag_may_stand_anywhere():
 
 
 def test_a_sweep_writes_a_folder_per_seed_and_a_second_launch_does_nothing_again(tmp_path):
-    command = ["task=pid_acc", "tuner=zoac", "-m", "seed=0,1", *SMALL]
+    command = ["task=pid_acc", "tuner=random", "-m", "seed=0,1", *SMALL]
     first = typed(*command, cwd=tmp_path)
     assert first.returncode == 0, first.stderr
-    one, two = result(tmp_path, seed=0), result(tmp_path, seed=1)
+    one, two = (result(tmp_path, tuner="random", seed=seed) for seed in (0, 1))
     assert one["x"] != two["x"]
     assert (one["task"], one["tuner"], one["seed"], one["variant"]) == (
         "pid_acc",
-        "zoac",
+        "random",
         0,
         "small",
     )
     assert len(one["cost_per_episode"]) == len(one["episode_lengths"]) == 3
     _, out, _ = answer(*command)
     assert out.count("done already") == 2
-    assert result(tmp_path, seed=0) == one
+    assert result(tmp_path, tuner="random") == one
 
 
 def test_one_failing_job_leaves_its_siblings_alone_and_is_told_at_the_end(tmp_path):
-    code, _, errors = answer("-m", "tuner.exploration.sigma=-1,0.1", *SMALL[:-1])
+    code, _, errors = answer("-m", "tuner=cmaes", "tuner.initial_sigma=-1,0.1", *SMALL[:-1])
     assert code == 1
     assert "1 job(s) of the sweep failed" in errors
-    assert "tuner.exploration.sigma=-1: input should be greater than 0" in errors
+    assert "tuner.initial_sigma=-1: input should be greater than 0" in errors
     assert "Traceback" not in errors
     assert len(list(tmp_path.rglob("result.json"))) == 1
 

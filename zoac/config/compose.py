@@ -155,18 +155,13 @@ def _values(text: str, override: Override) -> list[Any]:
 
 def _check_choice(text: str, group: str, value: Any) -> None:
     """Refuse what is no name of a group's choice; whether there is one of this name, Hydra says."""
-    names = value if isinstance(value, list) else [value]
-    if not all(isinstance(name, str) for name in names) and not (
-        value is None and group in ("method", "experiment", "search")
-    ):
-        raise ConfigError(
-            f"{text}: expected a name of the group {group}; {suggest(str(value), choices(group))}"
-        )
-    if isinstance(value, list) and group != "logger":
-        raise ConfigError(
-            f"{text}: expected one {group}; to run several, one after the other: "
-            f"-m {group}={','.join(map(str, value))}"
-        )
+    names = value if isinstance(value, list) and group == "logger" else [value]
+    left_out = value is None and group in ("method", "experiment", "search")
+    if not left_out and not all(isinstance(name, str) for name in names):
+        hint = suggest(str(value), choices(group))
+        if isinstance(value, list):
+            hint = f"for several, one after the other: -m {group}={','.join(map(str, value))}"
+        raise ConfigError(f"{text}: expected a name of the group {group}; {hint}")
 
 
 def _check_optional(text: str, override: Override) -> None:
