@@ -27,7 +27,13 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "own")
     monkeypatch.syspath_prepend(str(tmp_path / "own"))
     yield tmp_path / "own"
+    forget()
+
+
+def forget():
+    """Know nothing of their module, as another process."""
     sys.modules.pop("tank", None)
+    identity._seen.clear()
 
 
 @pytest.mark.filterwarnings("error::UserWarning:hydra")  # what a callback raises is a warning
@@ -40,11 +46,10 @@ def test_it_is_tuned_from_its_folder_in_this_process_and_in_others(folder):
 
 
 def edited(folder, new):
-    """Run the task after an edit, as another process would."""
+    """Run the task after an edit, in what is like another process."""
     path = folder / "tank.py"
     path.write_text(path.read_text().replace("DT = 1.0", new))
-    sys.modules.pop("tank", None)
-    identity._seen.clear()
+    forget()
     return answer("task=tank", *SMALL)
 
 
