@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
-from importlib.machinery import ModuleSpec
-from importlib.util import spec_from_file_location
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,17 +23,12 @@ class _Clone:
     """Finds the subpackages that lie beside this folder in a clone, and nothing else."""
 
     ROOT = Path(__file__).resolve().parent.parent
-    NAMES = ("conf", "tasks", "baselines", "analysis")
+    NAMES = ("zoac.conf", "zoac.tasks", "zoac.baselines", "zoac.analysis")
 
     @classmethod
     def find_spec(cls, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
         """Return where a subpackage lies; see `importlib.abc.MetaPathFinder`."""
-        parent, _, last = name.rpartition(".")
-        folder = cls.ROOT / last
-        if parent != __name__ or last not in cls.NAMES or not folder.is_dir():
-            return None
-        init = folder / "__init__.py"
-        return spec_from_file_location(name, init, submodule_search_locations=[str(folder)])
+        return PathFinder.find_spec(name, [str(cls.ROOT)]) if name in cls.NAMES else None
 
 
 if not (Path(__file__).parent / "tasks").is_dir() and _Clone not in sys.meta_path:

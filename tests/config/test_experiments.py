@@ -6,7 +6,6 @@ import pytest
 
 import zoac
 from stress import bad_inputs
-from tests import commands
 from zoac.core.errors import ConfigError
 
 STEPS = 200  # of an episode of lqr
@@ -26,12 +25,12 @@ def test_experiments_replace_the_budget(tmp_path):
 
 
 def test_the_command_line_has_them_too(tmp_path):
-    done = commands.run(
-        "-m", "zoac.run", "task=lqr", "tuner=auto", "experiments=250", "num_envs=50",
+    code, out, _ = bad_inputs.answer(
+        "task=lqr", "tuner=auto", "experiments=250", "num_envs=50",
         "evaluation.final_episodes=1", f"runs_dir={tmp_path}", "variant=v",
-        cwd=tmp_path, check=True,
     )  # fmt: skip
-    assert f"{250 * STEPS:,} steps" in done.stdout
+    assert code == 0
+    assert f"{250 * STEPS:,} steps" in out
     config = identity(tmp_path / "lqr/auto/seed=0/variant=v")["config"]
     assert (config["experiments"], config["budget"]) == (250, 250 * STEPS)
 

@@ -7,7 +7,6 @@ import threading
 from functools import partial
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -50,46 +49,30 @@ def test_tunes_a_function_on_an_environment():
     assert result.cost_mean == pytest.approx(np.mean(result.cost_per_episode))
 
 
-@pytest.mark.parametrize("tuner", ["zoac", "random"])
-def test_the_same_call_gives_the_same_bits(tuner):
-    assert tune(tuner=tuner).parameters == tune(tuner=tuner).parameters
-
-
 def test_processes_give_the_bits_of_serial():
     alone = tune(controller=Integrator())
     assert tune(controller=Integrator(), executor="process").parameters == alone.parameters
 
 
-def test_start_values_are_where_zoac_begins_and_are_reported():
-    result = tune(space={"k": {"low": 0, "high": 2, "baseline": 1.5}}, budget=0)
-    assert result.parameters["k"] == pytest.approx(1.5)
-    assert result.baseline_cost_mean == pytest.approx(result.cost_mean)
-
-
-def test_what_the_start_values_cost_stays_with_the_run(tmp_path):
+def test_start_values_are_where_zoac_begins_and_what_they_cost_stays_with_the_run(tmp_path):
     space = {"k": {"low": 0, "high": 2, "baseline": 1.5}}
-    result = tune(space=space, folder=tmp_path / "run")
     nothing_tuned = tune(space=space, budget=0)
+    assert nothing_tuned.parameters["k"] == pytest.approx(1.5)
+    assert nothing_tuned.baseline_cost_mean == pytest.approx(nothing_tuned.cost_mean)
+    result = tune(space=space, folder=tmp_path / "run")
     assert result.baseline_cost_mean == pytest.approx(nothing_tuned.cost_mean)
-    assert zoac.load_result(tmp_path / "run").baseline_cost_mean == result.baseline_cost_mean
-    assert (
-        tune(space=space, folder=tmp_path / "run").baseline_cost_mean == result.baseline_cost_mean
-    )
+    for again in (zoac.load_result(tmp_path / "run"), tune(space=space, folder=tmp_path / "run")):
+        assert again.baseline_cost_mean == result.baseline_cost_mean
 
 
-def test_a_folder_makes_a_run_that_is_not_done_twice(tmp_path, capsys):
+def test_a_folder_makes_a_run_that_is_not_done_twice_nor_its_task_kept_again(tmp_path, capsys):
     first = tune(folder=tmp_path / "run")
+    (tmp_path / "run" / schema.TASK).write_bytes(b"as it was")
     second = tune(folder=tmp_path / "run")
     assert second.parameters == first.parameters
     assert capsys.readouterr().out == ""
     tune(folder=tmp_path / "run", quiet=False)
     assert "done already" in capsys.readouterr().out
-
-
-def test_the_task_of_a_run_that_is_done_stays_as_it_was_kept(tmp_path):
-    tune(folder=tmp_path / "run")
-    (tmp_path / "run" / schema.TASK).write_bytes(b"as it was")
-    tune(folder=tmp_path / "run")
     assert (tmp_path / "run" / schema.TASK).read_bytes() == b"as it was"
 
 
@@ -125,16 +108,11 @@ class Locked(Drift):
         ({}, {"metrics": {"effort": lambda s: s.costs}}, "code.metrics.effort: '(absent)'"),
         ({}, {"budget": 500}, "budget: 400 there, 500 now"),
         ({"env": partial(Sized, 1.0)}, {"env": partial(Sized, 0.01)}, "code.env: '"),
-        ({"env": Sized(1.0)}, {"env": Sized(2.0)}, "code.env: '"),
-        ({"controller": lambda p, o: -o}, {"controller": lambda p, o: o}, "code.controller: '"),
         ({"controller": Gained(1.0)}, {"controller": Gained(2.0)}, "code.controller: '"),
         ({"constraints": {"x": above(1.0)}}, {"constraints": {"x": above(2.0)}},
          "code.constraints.x: '"),
-        ({"metrics": {"y": above(1.0)}}, {"metrics": {"y": above(2.0)}}, "code.metrics.y: '"),
         ({"plant": {"size": 1.0}, "env": Sized}, {"plant": {"size": 2.0}, "env": Sized},
          "task.plant.size: 1.0 there, 2.0 now"),
-        ({"env": gymnasium.make("Pendulum-v1")}, {"env": gymnasium.make("Pendulum-v1", g=9.0)},
-         "code.env: 'Pendulum-v1@"),
     ],
 )  # fmt: skip
 def test_a_folder_with_another_run_is_refused_by_what_differs(tmp_path, first, second, told):
@@ -202,7 +180,7 @@ def test_overwrite_begins_the_run_of_a_folder_again(tmp_path):
     kept = task_of_run(tmp_path / "run", trust_code=True).make_controller()
     action, *_ = kept.act({"k": np.array([1.0])}, np.array([[2.0]]), kept.init(1))
     assert action == other({"k": 1.0}, [2.0])
-    with pytest.raises(ConfigError, match="auto, never, overwrite"):
+    with pytest.raises(ConfigError, match="'auto', 'never' or 'overwrite'"):
         tune(folder=tmp_path / "run", resume="sometimes")
 
 
@@ -220,13 +198,6 @@ def test_start_values_may_stand_in_the_space_and_beside_it():
     space = {"k": {"low": 0, "high": 2, "baseline": 1.5}, "other": (0, 1)}
     result = tune(space=space, baseline={"other": 0.25}, budget=0)
     assert result.parameters == pytest.approx({"k": 1.5, "other": 0.25})
-
-
-def test_a_built_in_task_by_name():
-    result = zoac.tune(
-        task="pid_acc", budget=400, num_envs=2, episodes=1, final_episodes=2, quiet=True
-    )
-    assert set(result.parameters) == {"k", "Kp", "Ki", "Kd"}
 
 
 @pytest.mark.parametrize(
@@ -274,6 +245,7 @@ def test_what_a_given_task_would_not_heed_is_refused(option):
 def test_a_task_by_name_and_as_an_object_is_tuned_alike():
     options = {"budget": 400, "num_envs": 2, "episodes": 1, "final_episodes": 2, "quiet": True}
     by_name = zoac.tune(task="pid_acc", **options)
+    assert set(by_name.parameters) == {"k", "Kp", "Ki", "Kd"}
     assert zoac.tune(task=zoac.make_task("pid_acc"), **options).parameters == by_name.parameters
 
 

@@ -6,11 +6,13 @@ import subprocess
 import sys
 import textwrap
 
+import numba
 import numpy as np
 import pytest
 
 import zoac
-from stress.bad_inputs import Case, message
+from stress.bad_inputs import answer
+from zoac.mpc.compiled import compiled
 
 SMALL = (
     "task=pendulum", "tuner=random", "budget=400", "num_envs=2", "eval_every=400",
@@ -33,7 +35,7 @@ def python(*arguments, cwd, **environment):
 def tune(**options):
     return zoac.tune(
         task="pendulum", tuner="random", budget=400, num_envs=2, episodes=1, final_episodes=2,
-        executor="serial", quiet=True, **options,
+        executor="serial", **{"quiet": True, **options},
     )  # fmt: skip
 
 
@@ -48,8 +50,8 @@ RUN = "runs/pendulum/random/seed=0/variant=v"
 def plain(tmp_path_factory):
     """What a run on an ordinary host finds."""
     folder = tmp_path_factory.mktemp("plain")
-    done = python("-m", "zoac.run", *SMALL, "variant=v", cwd=folder)
-    assert done.returncode == 0, done.stderr
+    code, _, errors = answer(*SMALL, "variant=v", f"runs_dir={folder}/runs")
+    assert code == 0, errors
     return parameters(folder / RUN)
 
 
@@ -70,10 +72,7 @@ def test_a_run_ends_alike_whatever_the_host_lacks(environment, plain, tmp_path):
     assert parameters(tmp_path / RUN) == plain
 
 
-def test_where_compiled_code_cannot_be_kept_one_line_says_so(tmp_path):
-    code = """
-    import numba
-
+def test_where_compiled_code_cannot_be_kept_one_line_says_so(monkeypatch, capsys):
     compile_now = numba.njit
 
     def njit(*function, cache=False, **options):
@@ -81,60 +80,42 @@ def test_where_compiled_code_cannot_be_kept_one_line_says_so(tmp_path):
             raise RuntimeError("cannot cache function: no locator available")
         return compile_now(*function, **options)
 
-    from zoac.mpc.compiled import compiled
-
-    numba.njit = njit
-
-    @compiled(error_model="numpy")
-    def twice(x):
-        return 2 * x
-
-    @compiled()
-    def thrice(x):
-        return 3 * x
-
-    numba.njit = compile_now
-    print(twice(2), thrice(2))
-    """
-    script = tmp_path / "program.py"  # Numba reads the source of what it compiles
-    script.write_text(textwrap.dedent(code))
-    done = python(str(script), cwd=tmp_path)
-    assert done.stdout == "4 6\n", done.stderr
-    assert done.stderr.count("NUMBA_CACHE_DIR") == 1
+    monkeypatch.setattr(numba, "njit", njit)
+    monkeypatch.setattr(zoac.mpc.compiled, "_told", [])
+    twice = compiled(error_model="numpy")(lambda x: 2 * x)
+    thrice = compiled()(lambda x: 3 * x)
+    assert (twice(2), thrice(2)) == (4, 6)
+    assert capsys.readouterr().err.count("NUMBA_CACHE_DIR") == 1
 
 
 def test_a_table_and_a_report_are_written_in_any_encoding(tmp_path):
     for seed in (0, 1):
         tune(seed=seed, folder=tmp_path / f"runs/pendulum/random/seed={seed}")
-    for command in ("table2", "report"):
-        done = python(
-            "-m", f"zoac.analysis.{command}", "runs", "--task", "pendulum", "--out", "out",
-            cwd=tmp_path,
-            PYTHONIOENCODING="ascii", LC_ALL="C", PYTHONUTF8="0", MPLBACKEND="module://no.such",
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        assert "Traceback" not in done.stderr
-
-
-def test_a_program_without_a_console_tunes(tmp_path):
     code = """
     import sys
-    sys.stdout = sys.stderr = None
-    import zoac
-    result = zoac.tune(task="pendulum", tuner="random", budget=400, num_envs=2, episodes=1,
-                       final_episodes=2, executor="serial", folder="run")
+    from zoac.analysis import report, table2
+    sys.argv[1:] = ["runs", "--task", "pendulum", "--out", "out"]
+    sys.exit(table2.main() or report.main())
     """
-    script = tmp_path / "program.py"
-    script.write_text(textwrap.dedent(code))
-    done = python(str(script), cwd=tmp_path)
-    assert done.returncode == 0
+    done = python(
+        "-c", textwrap.dedent(code), cwd=tmp_path,
+        PYTHONIOENCODING="ascii", LC_ALL="C", PYTHONUTF8="0", MPLBACKEND="module://no.such",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    assert list((tmp_path / "out").glob("*.html"))
+
+
+def test_a_program_without_a_console_tunes(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "stdout", None)
+    monkeypatch.setattr(sys, "stderr", None)
+    tune(folder=tmp_path / "run", quiet=False)
     assert (tmp_path / "run" / "result.json").is_file()
 
 
 def test_a_tilde_is_the_home_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
-    typed = Case(" ".join([*SMALL, "runs_dir=~/mine"]), ())
-    assert message(typed) == (0, "")
+    assert answer(*SMALL, "runs_dir=~/mine")[::2] == (0, "")
     assert list((tmp_path / "mine").rglob("result.json"))
 
 

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from tests import commands
+from stress.bad_inputs import answer
 from zoac.config.compose import compose_config, own_conf
 from zoac.config.validate import locate
 from zoac.core.errors import ConfigError
 from zoac.run.help import usage
+from zoac.runs.training import identity
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "own_task"
@@ -26,35 +27,39 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "own")
     monkeypatch.syspath_prepend(str(tmp_path / "own"))
     yield tmp_path / "own"
+    forget()
+
+
+def forget():
+    """Know nothing of their module, as another process."""
     sys.modules.pop("tank", None)
+    identity._seen.clear()
 
 
-def run(folder, *arguments, module="zoac.run"):
-    return commands.run(
-        "-m", module, *arguments, cwd=folder,
-        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(folder)},
-    )  # fmt: skip
-
-
+@pytest.mark.filterwarnings("error::UserWarning:hydra")  # what a callback raises is a warning
 def test_it_is_tuned_from_its_folder_in_this_process_and_in_others(folder):
-    done = run(folder, "task=tank", "-m", "executor=serial,process", *SMALL)
-    assert done.returncode == 0, done.stderr
+    code, _, errors = answer("task=tank", "-m", "executor=serial,process", *SMALL)
+    assert code == 0, errors
     one, two = (json.loads(p.read_text()) for p in folder.glob("runs/tank/**/result.json"))
     assert set(one["parameters"]) == {"kp", "ki"}
     assert one["x"] == two["x"]
 
 
+def edited(folder, new):
+    """Run the task after an edit, in what is like another process."""
+    path = folder / "tank.py"
+    path.write_text(path.read_text().replace("DT = 1.0", new))
+    forget()
+    return answer("task=tank", *SMALL)
+
+
 def test_an_edit_of_their_code_makes_another_run_and_a_comment_does_not(folder):
-    first = run(folder, "task=tank", *SMALL)
-    assert first.returncode == 0, first.stderr
-    code = (folder / "tank.py").read_text()
-    (folder / "tank.py").write_text(code.replace("DT = 1.0", "# Seconds.\nDT = 1.0"))
-    assert "done already" in run(folder, "task=tank", *SMALL).stdout
-    (folder / "tank.py").write_text(code.replace("DT = 1.0", "DT = 2.0"))
-    edited = run(folder, "task=tank", *SMALL)
-    assert edited.returncode == 1
-    assert "code.env: 'tank.Tank@" in edited.stderr
-    assert "code.controller: 'tank.Pi@" in edited.stderr
+    assert answer("task=tank", *SMALL)[0] == 0
+    assert "done already" in edited(folder, "# Seconds.\nDT = 1.0")[1]
+    code, _, errors = edited(folder, "DT = 20.0")
+    assert code == 1
+    assert "code.env: 'tank.Tank@" in errors
+    assert "code.controller: 'tank.Pi@" in errors
 
 
 def test_a_task_in_a_folder_of_the_group_keeps_its_full_name(folder):
@@ -80,11 +85,11 @@ def test_zoacs_own_conf_is_not_added_twice(monkeypatch, tmp_path):
 
 
 def test_a_module_that_is_not_there_is_explained_without_a_traceback(folder):
-    done = run(folder, "task=tank", "task.controller=tnak.Pi")
-    assert done.returncode == 1
-    assert done.stderr.startswith("error: controller: cannot import 'tnak.Pi': there is no module")
-    assert "did you mean 'tank'" in done.stderr
-    assert "Traceback" not in done.stderr
+    code, _, errors = answer("task=tank", "task.controller=tnak.Pi")
+    assert code == 1
+    assert errors.startswith("error: controller: cannot import 'tnak.Pi': there is no module")
+    assert "did you mean 'tank'" in errors
+    assert "Traceback" not in errors
 
 
 def test_a_module_that_fails_is_told_with_the_line(folder):

@@ -12,12 +12,6 @@ from zoac.run.subcommands import COMMANDS, completions, main
 CODE = "import sys; from zoac.run.subcommands import main; main()"
 
 
-def command(*arguments):
-    return subprocess.run(
-        [sys.executable, "-c", CODE, *arguments], capture_output=True, text=True, check=False
-    )
-
-
 def test_every_command_is_a_module_with_a_main():
     assert all(callable(import_module(module).main) for module, _ in COMMANDS.values())
 
@@ -60,15 +54,14 @@ def test_what_is_no_command_gets_one_message(arguments, message, called):
 
 
 def test_a_process_ends_with_the_code_and_the_message():
-    done = command("rnu")
+    done = subprocess.run([sys.executable, "-c", CODE, "rnu"], capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith("error: unknown command")
 
 
-def test_a_run_by_the_command_is_a_run(tmp_path):
+def test_a_run_by_the_command_is_a_run(called, tmp_path):
     options = ["task=lqr", "tuner=random", "budget=200", f"runs_dir={tmp_path}", "seed=0,1", "-m"]
-    done = command("run", *options)
-    assert done.returncode == 0, done.stderr
+    assert called("run", *options)[0] in (0, None)
     assert len(list(tmp_path.glob("lqr/random/seed=*/*/result.json"))) == 2
 
 

@@ -20,13 +20,7 @@ COMMON = {"common_random_numbers": True}
 
 @dataclass(frozen=True)
 class Choice:
-    """A tuner that the rule has chosen.
-
-    Args:
-        tuner: Name of its config.
-        because: What decided, for people to read.
-        settings: Of the run, that go with it.
-    """
+    """A tuner that the rule has chosen, why, and settings of the run that go with it."""
 
     tuner: str
     because: str
@@ -65,14 +59,10 @@ def budget_of(experiments: Any, budget: Any, task: Task) -> Any:
 def settled(
     config: Mapping[str, Any], task: Task, chosen: Mapping[str, str]
 ) -> tuple[dict[str, Any], Choice | None]:
-    """Return a configuration with its budget in steps and the tuner that "auto" stands for.
+    """Return a command line's configuration with its budget in steps and the tuner of "auto".
 
-    The choice of a tuner is returned beside it, if there was one.
-
-    Args:
-        config: Resolved, of the command line.
-        task: Its task.
-        chosen: Names of the groups' choices, such as {"task": "pid_acc", "tuner": "auto"}.
+    The choice of a tuner is returned beside it, if there was one. `chosen` has the names of the
+    groups' choices, such as {"task": "pid_acc", "tuner": "auto"}.
 
     Raises:
         ConfigError: If the configuration has options for a tuner that is yet to be chosen.

@@ -6,12 +6,13 @@ This module and `zoac.run.command` are the only ones that know Hydra.
 import itertools
 import re
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 from hydra import compose, initialize_config_module
 from hydra.core.config_search_path import ConfigSearchPath
+from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Glob, Override
@@ -21,17 +22,15 @@ from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from zoac.config.files import CONFIG_MODULE, choices, own_conf
-from zoac.config.schema import (
+from zoac.config.files import AUTO, CONFIG_MODULE, choices, own_conf, unknown_choice
+from zoac.config.overrides import (
     GROUPS_OF_RUN,
     NOT_OF_THE_RUN,
-    EvaluationSchema,
-    RunSchema,
-    check_keys,
     why_unreadable,
     with_whole_steps,
 )
-from zoac.config.settings import WITHOUT_EFFECT
+from zoac.config.settings import RUN_KEYS, WITHOUT_EFFECT, Evaluation, RunSettings, converted
+from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, option_names, suggest
 
 GROUPS = (*GROUPS_OF_RUN, "launcher", "method", "experiment", "search")
@@ -42,8 +41,15 @@ OPTIONAL_GROUPS = {"preset": "tuner", "fidelity/task": "task", "fidelity/tuner":
 # Overrides that say which run this is; keys of `WITHOUT_EFFECT` cannot change its numbers.
 NOT_A_VARIANT = ("task", "tuner", "seed", "launcher", "method", "experiment")
 
+OF_EVALUATION = tuple(f.name for f in fields(Evaluation))
+
+ConfigStore.instance().store(group="tuner", name=AUTO, node={})
+
 # How lines of Hydra's messages begin that say nothing to a user.
-INTERNAL = ("full_key:", "object_type=", "reference_type=", "See https://")
+INTERNAL = (
+    "full_key:", "object_type=", "reference_type=", "See https://", "Config search path:",
+    "provider=",
+)  # fmt: skip
 EXTRA_OF_LAUNCHER = {
     "joblib": "launchers", "submitit_local": "launchers", "submitit_slurm": "launchers",
     "ray": "ray-launcher",
@@ -74,22 +80,20 @@ def compose_config(overrides: Sequence[str]) -> DictConfig:
     overrides = with_whole_steps(overrides)
     check_overrides(overrides)
     try:
-        with _hydra():
-            return compose("run", overrides=list(overrides), return_hydra_config=True)
+        return _composed(overrides)
     except Exception as error:  # Hydra answers some odd overrides with a ValueError, say
         raise ConfigError(explain(error, overrides)) from error
 
 
-@contextmanager
-def _hydra() -> Iterator[GlobalHydra]:
-    """Yield Hydra ready to compose this package's configuration; whose it was has it back."""
+def _composed(overrides: Sequence[str]) -> DictConfig:
+    """Compose this package's configuration with Hydra; whose Hydra was has it back."""
     with _ONE_AT_A_TIME:
         hydra = GlobalHydra.instance()
         earlier, hydra.hydra = hydra.hydra, None
         try:
             know_own_conf()
             with initialize_config_module(CONFIG_MODULE, version_base="1.3"):
-                yield GlobalHydra.instance()
+                return compose("run", overrides=list(overrides), return_hydra_config=True)
         finally:
             GlobalHydra.instance().hydra = earlier
 
@@ -98,10 +102,10 @@ _ONE_AT_A_TIME = threading.RLock()  # Hydra is one object per process
 
 
 def check_overrides(overrides: Sequence[str]) -> None:
-    """Refuse overrides that Hydra would answer with a traceback.
+    """Refuse overrides that Hydra would answer with a traceback, and settings that no run can have.
 
     Raises:
-        ConfigError: If one names no key, or gives a group what is no name of a choice.
+        ConfigError: If one names no key, or gives a group or a setting what it cannot be.
     """
     parser = OverridesParser.create()
     for text in overrides:
@@ -111,34 +115,53 @@ def check_overrides(overrides: Sequence[str]) -> None:
             why = why_unreadable(text, error)
             raise ConfigError(f"cannot read the override {text!r}: {why}") from error
         key = override.key_or_group
-        group = key in GROUPS or key.startswith("hydra/")
         if not key or key != key.strip("."):
             raise ConfigError(
                 f"cannot read the override {text!r}: there is no key; write key=value"
             )
-        if override.is_sweep_override() and not _goes_through(override):
-            raise ConfigError(
-                f"{text}: there is nothing to go through, so that the sweep has no jobs; glob() "
-                f"chooses among the files of a group, such as tuner=glob(zoac*); write numbers as "
-                "seed=0,1,2 or seed=range(0,3)"
-            )
-        if key in OPTIONAL_GROUPS and not override.is_delete():
-            _check_optional(text, override)
-        if not group or override.is_delete() or override.is_sweep_override():
+        parent, _, name = key.rpartition(".")
+        setting = name in {"": RUN_KEYS, "evaluation": OF_EVALUATION}.get(parent, ())
+        if override.is_delete():
+            if setting or key in GROUPS_OF_RUN:
+                raise ConfigError(f"{text}: a value is needed, {key}=<value>")
             continue
-        value = override.value()
-        names = value if isinstance(value, list) else [value]
-        if not all(isinstance(name, str) for name in names) and not (
-            value is None and key in ("method", "experiment", "search")
-        ):
-            raise ConfigError(
-                f"{text}: expected a name of the group {key}; {suggest(str(value), _choices(key))}"
-            )
-        if isinstance(value, list) and key != "logger":
-            raise ConfigError(
-                f"{text}: expected one {key}; to run several, one after the other: "
-                f"-m {key}={','.join(map(str, value))}"
-            )
+        for value in _values(text, override):
+            if key in GROUPS or key.startswith("hydra/"):
+                _check_choice(text, key, value)
+            elif key in OPTIONAL_GROUPS:
+                _check_optional(text, override)
+            elif setting and "${" not in str(value):
+                owner = Evaluation if parent else RunSettings
+                check_arguments(owner, converted(owner, {name: value}), parent)
+
+
+def _values(text: str, override: Override) -> list[Any]:
+    """Return the value of an override, or those that a sweep goes through."""
+    value = override.value()
+    if isinstance(value, Glob):
+        values = value.filter(choices(override.key_or_group))
+    elif override.is_sweep_override():
+        values = [getattr(one, "text", one) for one in override.sweep_iterator()]
+    else:
+        return [value]
+    if not values:
+        raise ConfigError(
+            f"{text}: there is nothing to go through, so that the sweep has no jobs; glob() "
+            f"chooses among the files of a group, such as tuner=glob(zoac*); write numbers as "
+            "seed=0,1,2 or seed=range(0,3)"
+        )
+    return values
+
+
+def _check_choice(text: str, group: str, value: Any) -> None:
+    """Refuse what is no name of a group's choice; whether there is one of this name, Hydra says."""
+    names = value if isinstance(value, list) and group == "logger" else [value]
+    left_out = value is None and group in ("method", "experiment", "search")
+    if not left_out and not all(isinstance(name, str) for name in names):
+        hint = suggest(str(value), choices(group))
+        if isinstance(value, list):
+            hint = f"for several, one after the other: -m {group}={','.join(map(str, value))}"
+        raise ConfigError(f"{text}: expected a name of the group {group}; {hint}")
 
 
 def _check_optional(text: str, override: Override) -> None:
@@ -147,15 +170,8 @@ def _check_optional(text: str, override: Override) -> None:
     place = f"{key}@{OPTIONAL_GROUPS[key]}"
     if override.package != OPTIONAL_GROUPS[key]:
         raise ConfigError(f"{text}: write {place}={override.value()}")
-    if (name := str(override.value())) not in (known := choices(key)):
-        raise ConfigError(f"unknown {key} {name!r}; {suggest(name, known)}")
-
-
-def _goes_through(override: Override) -> bool:
-    value = override.value()
-    if isinstance(value, Glob):
-        return bool(value.filter(_choices(override.key_or_group)))
-    return any(True for _ in override.sweep_iterator())
+    if (name := str(override.value())) not in choices(key):
+        raise ConfigError(unknown_choice(key, name))
 
 
 def explain(error: Exception, overrides: Sequence[str]) -> str:
@@ -167,26 +183,6 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
     text = "\n".join(
         dict.fromkeys(line for line in lines if line and not line.startswith(INTERNAL))
     )
-    if found := re.search(r"override (.*)\n.* is not a subclass of EvaluationSchema", text):
-        return f"{found[1]}: expected a group of keys; {_siblings('evaluation.', overrides)}"
-    if found := re.search(r"Value (.*) of type '.*' could not be converted to (\w+)", text):
-        kind = {"Integer": "a whole number", "Float": "a number"}.get(found[2], found[2])
-        written = re.search(r"Error merging override (.*)", text)
-        return f"{written[1] if written else found[1]}: expected {kind}, got {found[1]}"
-    if found := re.search(r"override (.*)\nValue '(.*)' is not a valid bool", text):
-        return f"{found[1]}: expected true or false, got {found[2]!r}"
-    if found := re.search(
-        r"override (\w+)=.*\nInvalid value '(.*)', expected one of \[(.*)\]", text
-    ):
-        return f"{found[1]}={found[2]!r}; {suggest(found[2], found[3].split(', '))}"
-    if found := re.search(r"override (.*)\n.*(is not Optional|does not support deletion)", text):
-        return f"{found[1]}: a value is needed, {found[1].strip('~').partition('=')[0]}=<value>"
-    if found := re.search(r"Missing mandatory value: (\w+)", text):
-        return f"{found[1]}: a value is needed; {suggest('', _choices(found[1]))}"
-    if found := re.search(r"interpolation '(.*)', possible interpolation keys: (.*)", text):
-        missing = set(re.findall(r"\$\{(\w+)\}", found[1])) - set(found[2].split(", "))
-        group = min(missing, default="")
-        return f"{group}: a value is needed; {suggest('', _choices(group))}"
     if "nterpolation" in text and (place := getattr(cause, "full_key", None)):
         return f"{place}: {text}"
     for launcher, extra in EXTRA_OF_LAUNCHER.items():
@@ -198,9 +194,8 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
             # Of search.ranges={num_envs: ...} it is the key inside that is unknown.
             unknown = getattr(cause, "full_key", None) or key
             return f"unknown key {unknown!r} in {override!r}; {_siblings(unknown, overrides)}"
-    if found := re.search(r"Could not (?:find|load) '(?:hydra/)?(\w+)/(\S*)'", text):
-        group = found[0].split("'")[1].removesuffix(f"/{found[2]}")
-        return f"unknown {group} {found[2]!r}; {suggest(found[2], _choices(group, found[2]))}"
+    if found := re.search(r"Could not (?:find|load) '(?!hydra/)(\w+)/(\S*)'", text):
+        return unknown_choice(*found.groups())
     return text
 
 
@@ -210,64 +205,56 @@ def _siblings(key: str, overrides: Sequence[str]) -> str:
     Of the jobs of a sweep, it is about the first that does not know the key.
     """
     parent, _, name = key.rpartition(".")
+    if not parent:
+        return suggest(name, [*GROUPS_OF_RUN, *RUN_KEYS])
     pairs = [text.lstrip("+").partition("=") for text in overrides]
     groups = {group: value.split(",") for group, _, value in pairs if group in GROUPS}
     swept = [group for group, values in groups.items() if len(values) > 1]
     for values in itertools.product(*groups.values()):
         chosen = dict(zip(groups, values, strict=True))
+        # A run has no search, so that one is added.
+        texts = [f"{'+' * (g == 'search')}{g}={value}" for g, value in chosen.items()]
         try:
-            with _hydra():
-                # A run has no search, so that one is added.
-                texts = [f"{'+' * (g == 'search')}{g}={value}" for g, value in chosen.items()]
-                config = compose("run", overrides=texts, return_hydra_config=True)
+            config = _composed(texts)
         except Exception:  # a choice may be wrong as well, in any of the ways that Hydra knows
             return "see --help"
-        node = OmegaConf.select(config, parent) if parent else config
+        node = OmegaConf.select(config, parent)
         if not (isinstance(node, DictConfig) and name in node):
             break
     if node is None and "." in parent:  # what is unknown stands further up
         return _siblings(parent, overrides)
     plain: Any = OmegaConf.to_container(node) if isinstance(node, DictConfig) else {}
-    inside = plain if parent else dict.fromkeys(plain)  # of the run, the top level alone
-    known = [name for name in option_names(inside) if name not in NOT_OF_THE_RUN]
-    prefix = f"{parent}." if parent else ""
+    known = option_names(plain)
     if parent in GROUPS and not known:
         option = config.hydra.runtime.choices.get(parent)
-        return f"{parent}={option} has no keys; choices: {', '.join(_choices(parent))}"
+        return f"{parent}={option} has no keys; choices: {', '.join(choices(parent))}"
     told = "".join(f"{group}={chosen[group]}: " for group in swept)
     group = parent.partition(".")[0]
     may_add = not swept and (parent == "task" or key.startswith("search.ranges."))
     added = f"; what the {group}'s file leaves out is added: +{key}=..." if may_add else ""
-    return told + suggest(prefix + name, [f"{prefix}{name}" for name in known]) + added
-
-
-def _choices(group: str, name: str = "") -> list[str]:
-    """Return the names of a group's files; for "suite/lqr" also those of its folder suite."""
-    folder = name.partition("/")[0]
-    with _hydra() as hydra:
-        names = hydra.config_loader().get_group_options
-        inner = names(f"{group}/{folder}") if folder else []
-        return [*names(group), *(f"{folder}/{one}" for one in inner)]
+    return told + suggest(key, [f"{parent}.{name}" for name in known]) + added
 
 
 def resolved(config: DictConfig) -> dict[str, Any]:
     """Return the configuration as plain Python, interpolations resolved, without Hydra's own part.
 
     Raises:
-        ConfigError: If a value is missing or an interpolation leads nowhere.
+        ConfigError: If a value is missing, unknown or of the wrong type, or an interpolation leads
+            nowhere.
     """
     try:
         plain: dict[str, Any] = OmegaConf.to_container(  # type: ignore[assignment]
             OmegaConf.masked_copy(config, [k for k in map(str, config) if k not in NOT_OF_THE_RUN]),
             resolve=True,
             throw_on_missing=True,
-            enum_to_str=True,
         )
     except OmegaConfBaseException as error:
         raise ConfigError(explain(error, [])) from error
-    check_keys(plain, RunSchema, "")
-    check_keys(plain["evaluation"], EvaluationSchema, "evaluation.")
-    return plain
+    groups = {key: plain.pop(key) for key in GROUPS_OF_RUN}
+    settings = converted(RunSettings, plain)
+    settings["evaluation"] = converted(Evaluation, plain["evaluation"])
+    check_arguments(RunSettings, settings, "")
+    return groups | settings
 
 
 def variant_of(config: Mapping[str, Any], overrides: Sequence[str]) -> str | None:

@@ -26,8 +26,7 @@ def build(node: Mapping[str, Any], where: str, kind: type, **provided: Any) -> A
     """Check a config node against its `_target_` and call that, inner nodes first.
 
     Args:
-        node: The node, resolved, as plain Python.
-        where: Its name in the config, for messages.
+        node: The node, resolved; messages call it `where`.
         kind: What is built: a class or a protocol.
         provided: Arguments of the target that the node does not hold.
 

@@ -73,10 +73,8 @@ def choice(group: str, name: str) -> DictConfig:
     Raises:
         ConfigError: If there is none, or it cannot be used.
     """
-    if name not in (known := choices(group)):
-        folder = f"{name.partition('/')[0]}/"  # such as task/suite
-        near = [other for other in known if "/" not in other or other.startswith(folder)]
-        raise ConfigError(f"unknown {group} {name!r}; {suggest(name, near)}")
+    if name not in choices(group):
+        raise ConfigError(unknown_choice(group, name))
     node = _read(name, group)
     merged = OmegaConf.create()
     for entry in node.pop("defaults", ["_self_"]):
@@ -87,6 +85,15 @@ def choice(group: str, name: str) -> DictConfig:
             )
         merged.merge_with(node if entry == "_self_" else choice(group, entry))
     return merged
+
+
+def unknown_choice(group: str, name: str) -> str:
+    """Return the message for a name that is no choice of its group."""
+    folder = f"{name.partition('/')[0]}/"  # such as task/suite
+    near = [one for one in choices(group) if "/" not in one or one.startswith(folder)]
+    if group == "tuner":
+        near.append(AUTO)
+    return f"unknown {group} {name!r}; {suggest(name, near)}"
 
 
 def choices(group: str) -> list[str]:

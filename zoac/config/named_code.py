@@ -16,12 +16,7 @@ from zoac.core.errors import ConfigError
 
 
 def locate_maker(path: str, kinds: tuple[type, ...], where: str) -> Callable[..., Any]:
-    """Return the class or function of a `_target_`, which a place may call.
-
-    Args:
-        path: "package.module.Name".
-        kinds: What the place takes: classes, or protocols.
-        where: The key that names it, for messages.
+    """Return the class or function of a `_target_`, which a place that takes `kinds` may call.
 
     Raises:
         ConfigError: If there is no such name, or if it is neither a subclass of `kinds` nor a
@@ -45,10 +40,9 @@ def locate_code(
 
     Args:
         path: "package.module.name".
-        where: The key that names it, for messages.
+        where: The key that names it, for messages; `wanted` says what is expected.
         kinds: Classes, or protocols, of which it may be a subclass or an object.
         returned: What an annotated function may return.
-        wanted: What is expected, for messages.
 
     Raises:
         ConfigError: If there is no such name, or if it is something else: a function must be

@@ -5,27 +5,18 @@ defaults stand in `conf/run.yaml` too, and a test holds the two equal.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
-from enum import Enum
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Annotated, Any, Literal, get_type_hints
 
 import numpy as np
-from pydantic import Field
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from zoac.core.types import Count, Fraction, Natural, NonNegative, is_number
+from zoac.core.types import Count, Fraction, Natural, NonNegative
 
 # Keys of the configuration that cannot change a run's numbers.
 WITHOUT_EFFECT = (
     "executor", "logger", "runs_dir", "variant", "resume", "checkpoint_seconds", "hydra",
 )  # fmt: skip
-
-
-class Resume(Enum):
-    """What to do when the run folder holds a run already."""
-
-    auto = "auto"
-    never = "never"
-    overwrite = "overwrite"
 
 
 SideBySide = Annotated[int, Field(ge=1, le=100_000)]  # all in memory at once
@@ -97,6 +88,23 @@ class Settings:
     common_random_numbers: bool | None = None
 
 
+@dataclass(frozen=True)
+class RunSettings(Settings):
+    """All keys of the command line but those of its groups.
+
+    Args:
+        runs_dir: Folder that run folders lie in.
+        variant: Of the run's folder; None: what the overrides change.
+        resume: What happens to a run that the folder holds already.
+    """
+
+    runs_dir: str = "runs"
+    variant: str | None = None
+    resume: Literal["auto", "never", "overwrite"] = "auto"
+
+
+RUN_KEYS = tuple(f.name for f in fields(RunSettings))
+
 CHANGES_THE_METHOD = tuple(
     f.name
     for f in fields(Settings)
@@ -106,17 +114,23 @@ CHANGES_THE_METHOD = tuple(
 them. What a failure is and costs is part of the task."""
 
 
-def whole_numbers(owner: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return arguments of `owner` as the configuration has them: 1e4 is a whole number too."""
-    hints = get_type_hints(owner)
-    return {name: _whole(value, hints.get(name)) for name, value in given.items()}
+def converted(owner: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments of `owner` as its types have them: 1e4 is a whole number too.
+
+    What cannot be converted stays as it is, for `zoac.config.validate` to refuse.
+    """
+    hints = get_type_hints(owner, include_extras=True)
+    # On the command line, variant=1 is a name.
+    rules = ConfigDict(coerce_numbers_to_str=owner is RunSettings, arbitrary_types_allowed=True)
+    return {name: _converted(value, hints.get(name, Any), rules) for name, value in given.items()}
 
 
-def _whole(value: Any, hint: Any) -> Any:
-    if isinstance(value, np.bool_):
-        return bool(value)
-    kinds = (hint, *get_args(hint))
-    if not is_number(value) or (int not in kinds and float not in kinds):
+def _converted(value: Any, hint: Any, rules: ConfigDict) -> Any:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, bool) or not isinstance(value, int | float | str) or is_dataclass(hint):
         return value
-    whole = int in kinds and value % 1 == 0
-    return int(value) if whole else float(value)
+    try:
+        return TypeAdapter(hint, config=rules).validate_python(value)
+    except ValidationError:
+        return value

@@ -12,8 +12,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, get_type_hints
 
 from pydantic import (
     ConfigDict,
@@ -30,11 +29,7 @@ TARGET = "_target_"
 
 
 def locate(path: str, where: str) -> Callable[..., Any]:
-    """Return the class or function of a dotted path, such as a `_target_`.
-
-    Args:
-        path: "package.module.Name".
-        where: The key that names it, for messages.
+    """Return the class or function of a dotted path, which the key `where` names.
 
     Raises:
         ConfigError: If it cannot be imported or has no such name.
@@ -92,7 +87,8 @@ def check_arguments(
     for name, value in given.items():
         if name not in accepted:
             if not open_ended:
-                faults.append(f"{where}: unknown key {name!r}; {suggest(name, accepted)}")
+                place = f"{where}: " if where else ""
+                faults.append(f"{place}unknown key {name!r}; {suggest(name, accepted)}")
         elif not (isinstance(value, Mapping) and TARGET in value):
             key = f"{where}.{name}" if where else name
             hint = hints.get(name, Any)
@@ -157,19 +153,11 @@ def _faults(value: Any, hint: Any, where: str) -> list[str]:
     """Return what is wrong with `value` as a `hint`, one message each."""
     if isinstance(value, int) and not (isinstance(value, bool) or is_number(value)):
         return [f"{where}={_short(value)}: larger than any float; expected a finite number"]
-    if isinstance(value, float) and not math.isfinite(value) and _takes_numbers(hint):
-        named = "NaN" if math.isnan(value) else f"{value}"
-        return [f"{where}: {named} is not a value; expected a finite number"]
-    if isinstance(value, list):
-        odd = [f for i, v in enumerate(value) if isinstance(v, float) and not math.isfinite(v)
-               for f in _faults(v, Any, f"{where}[{i}]")]  # fmt: skip
-        if odd:
-            return odd
     try:
-        adapter = TypeAdapter(hint, config=ConfigDict(arbitrary_types_allowed=True))
+        adapter = TypeAdapter(hint, config=_CHECKED)
     except PydanticSchemaGenerationError:
-        return []
-    except Exception:  # types that bring their own configuration take none
+        adapter = TypeAdapter(Any)
+    except PydanticUserError:  # types that bring their own configuration take none
         adapter = TypeAdapter(hint)
     try:
         adapter.validate_python(value, strict=True)
@@ -180,14 +168,17 @@ def _faults(value: Any, hint: Any, where: str) -> list[str]:
             for e in error.errors()
         ]
     except PydanticUserError:  # a hint whose parts are imported for type checkers only
-        return []
-    return []
+        pass
+    # Where a hint allows everything, it allows these too.
+    parts = {f"{where}[{i}]": v for i, v in enumerate(value)} if isinstance(value, list) else {}
+    return [
+        f"{place}={part}: input should be a finite number"
+        for place, part in {where: value, **parts}.items()
+        if isinstance(part, float) and not math.isfinite(part)
+    ]
 
 
-def _takes_numbers(hint: Any) -> bool:
-    """Tell whether a hint is of a number, or of one among others; Any is."""
-    parts = get_args(hint) if get_origin(hint) in (Annotated, Union, UnionType) else ()
-    return hint in (Any, int, float) or any(map(_takes_numbers, parts))
+_CHECKED = ConfigDict(arbitrary_types_allowed=True, allow_inf_nan=False)
 
 
 def _short(value: Any) -> str:

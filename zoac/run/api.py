@@ -13,7 +13,7 @@ import numpy as np
 from zoac.config import factory
 from zoac.config.auto_tuner import budget_of, tuner_for
 from zoac.config.files import AUTO, configuration
-from zoac.config.settings import Evaluation, Resume, Settings, whole_numbers
+from zoac.config.settings import Evaluation, RunSettings, Settings, converted
 from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, Interrupted, suggest
 from zoac.core.measures import Constraint, Metric
@@ -152,7 +152,7 @@ def tune(
         RunFolderError: If `folder` holds another run.
     """
     arguments = locals()
-    named = ("tuner", "tuner_options", "executor", "folder", "resume")
+    named = ("tuner", "tuner_options", "executor", "folder")
     check_arguments(tune, {name: arguments[name] for name in named}, "")
     for name, value in {**arguments, **settings}.items():
         if isinstance(value, np.ndarray):
@@ -166,8 +166,7 @@ def tune(
         raise ConfigError("workers belong to cost=..., a function to minimise")
     if None not in (budget, experiments):
         raise ConfigError("give either budget or experiments, not both")
-    if resume not in Resume.__members__:
-        raise ConfigError(f"resume={resume!r}; {suggest(resume, Resume.__members__)}")
+    check_arguments(RunSettings, {"resume": resume}, "")
     followers = Callbacks(callbacks)
     of_user, of_task = ({name: arguments[name] for name in names} for names in (OF_USER, OF_TASK))
     the_task = given_task(task, of_user, of_task)
@@ -201,8 +200,8 @@ def tune(
         "seed": seed, "budget": budget, "experiments": experiments, "eval_every": eval_every,
         **settings,
     }  # fmt: skip
-    config |= whole_numbers(Settings, given)
-    config["evaluation"] |= whole_numbers(
+    config |= converted(Settings, given)
+    config["evaluation"] |= converted(
         Evaluation, {"episodes": episodes, "final_episodes": final_episodes}
     )
     config["resume"] = resume

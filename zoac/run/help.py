@@ -41,10 +41,6 @@ def usage() -> str:
 
 
 def _groups(folder: Path) -> list[str]:
-    lines = []
-    for group in sorted(path for path in folder.iterdir() if path.is_dir()):
-        if group.name == "search":  # of `zoac.search`
-            continue
-        if choices := names_in(group):
-            lines.append(f"{group.name}: {', '.join(choices)}")
-    return lines
+    # The group `search` is of `zoac.search`.
+    groups = sorted(path for path in folder.iterdir() if path.is_dir() and path.name != "search")
+    return [f"{group.name}: {', '.join(names)}" for group in groups if (names := names_in(group))]

@@ -80,9 +80,7 @@ def usage() -> str:
 def completions(line: str) -> Sequence[str]:
     """Return how the last word of a command line may go on.
 
-    Args:
-        line: What has been typed. The shell splits words at "=", so that what comes after one is
-            completed alone.
+    The shell splits words at "=", so that what comes after one is completed alone.
     """
     *before, begun = line.split(" ")
     if len(before) <= 1:

@@ -28,13 +28,7 @@ GIVEN = "given.json"
 
 
 def outcome(result: Mapping[str, Any], folder: Path, done_already: bool) -> dict[str, Any]:
-    """Return what a job's line and the table at the end say of its run.
-
-    Args:
-        result: The content of `result.json`.
-        folder: The run folder.
-        done_already: Nothing was left to do.
-    """
+    """Return what a job's line and the table say of a run, from its `result.json` and folder."""
     return {
         "before": result.get("baseline_cost_mean"),
         "after": result["cost_mean"],
@@ -64,15 +58,9 @@ class Job:
 def noted(
     folder: Path, number: int, overrides: Sequence[str], identity: Mapping[str, Any]
 ) -> Iterator[Job]:
-    """Keep the note of one job, and print a line at its end.
+    """Keep the note of one job in the sweep's folder, and print a line at its end.
 
     A failure is noted and goes no further, for its siblings' sake.
-
-    Args:
-        folder: The sweep's folder.
-        number: The job's number in the sweep.
-        overrides: What makes this job.
-        identity: Its `task`, `tuner` and `seed`.
     """
     path = folder / f"{number}.json"
     job = Job(again=path.exists())
@@ -87,11 +75,9 @@ def noted(
         print(f"error in {named}: {error}", file=sys.stderr)
         write_json(path, {**note, "state": FAILED, "reason": str(error)})
     except Exception as error:
-        print(f"error in {named}:", file=sys.stderr)
-        traceback.print_exc()
-        reason = as_text(error)
         trace = traceback.format_exc()
-        write_json(path, {**note, "state": FAILED, "reason": reason, "traceback": trace})
+        print(f"error in {named}:\n{trace}", end="", file=sys.stderr)
+        write_json(path, {**note, "state": FAILED, "reason": as_text(error), "traceback": trace})
     except BaseException:  # a signal
         write_json(path, {**note, "state": STOPPED})
         raise

@@ -11,11 +11,7 @@ WIDTH = 80
 
 
 def line(note: Mapping[str, Any]) -> str:
-    """Return the line of a job that is done.
-
-    Args:
-        note: Of the job: `task`, `tuner`, `seed`, `more`, and its outcome.
-    """
+    """Return the line of a job that is done, from its note."""
     ends = [f"cost {_costs(note)}", f"{_seconds(note)} s"]
     if note["done_already"]:
         ends[1] = "done already"

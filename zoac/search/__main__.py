@@ -49,16 +49,6 @@ def split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     return runs, [f"+search={choice or tuner}", *own]
 
 
-def _options_of_search(runs: Sequence[str], own: Sequence[str]) -> dict[str, Any]:
-    """Return `Search`'s options from the command line, checked."""
-    node = compose_config([*runs, *own]).search
-    plain = OmegaConf.to_container(node, resolve=True)
-    assert isinstance(plain, dict)
-    options = {str(key): value for key, value in plain.items()}
-    check_arguments(Search, options, "search", provided=("overrides",))
-    return options
-
-
 @reader_may_leave()
 def main() -> None:
     """Run the command line; exits with 1 and one message on a user's error."""
@@ -67,7 +57,10 @@ def main() -> None:
         return
     try:
         runs, own = split(sys.argv[1:])
-        search = Search(runs, **_options_of_search(runs, own))
+        node = compose_config([*runs, *own]).search
+        options: Any = OmegaConf.to_container(node, resolve=True)
+        check_arguments(Search, options, "search", provided=("overrides",))
+        search = Search(overrides=runs, **options)
         search.run()
         search.conclude()
     except ZoacError as error:

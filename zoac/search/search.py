@@ -6,6 +6,7 @@ import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,93 +31,82 @@ def origin(trial: Any) -> int:
     return int(trial.user_attrs.get(CONTINUES, trial.number))
 
 
+@dataclass(kw_only=True)
 class Search:
-    """One process's part in a study."""
+    """One process's part in a study.
 
-    def __init__(
-        self,
-        overrides: Sequence[str],
-        *,
-        ranges: Mapping[str, Any],
-        trials: Count,
-        seeds: Annotated[list[Natural], Field(min_length=1)],
-        evaluation_seed: Natural,
-        startup: Count,
-        prune: bool,
-        seed: Natural,
-        folder: str,
-        name: str | None,
-        storage: str | None,
-    ) -> None:
-        """
-        Args:
-            overrides: Of every run, as on the command line.
-            ranges: What is searched, nested like the configuration; see `distributions`.
-            trials: Of the whole study, whoever runs them.
-            seeds: Of a trial's runs.
-            evaluation_seed: Of the episodes that judge them.
-            startup: Random trials before the first model.
-            prune: Drop a trial whose first seeds are worse than the median trial's.
-            seed: Of the sampler.
-            folder: Where studies lie.
-            name: Of the study; None: `<task>-<tuner>`.
-            storage: Optuna's URL; None: a journal file in the study's folder.
+    Args:
+        overrides: Of every run, as on the command line.
+        ranges: What is searched, nested like the configuration; see `distributions`.
+        trials: Of the whole study, whoever runs them.
+        seeds: Of a trial's runs.
+        evaluation_seed: Of the episodes that judge them.
+        startup: Random trials before the first model.
+        prune: Drop a trial whose first seeds are worse than the median trial's.
+        seed: Of the sampler.
+        folder: Where studies lie.
+        name: Of the study; None: `<task>-<tuner>`.
+        storage: Optuna's URL; None: a journal file in the study's folder.
 
-        Raises:
-            ConfigError: If the ranges, the folder or the storage cannot be used, or the study is
-                of another configuration.
-        """
-        self._overrides = list(overrides)
+    Raises:
+        ConfigError: If the ranges, the folder or the storage cannot be used, or the study is of
+            another configuration.
+    """
+
+    overrides: Sequence[str]
+    ranges: Mapping[str, Any]
+    trials: Count
+    seeds: Annotated[list[Natural], Field(min_length=1)]
+    evaluation_seed: Natural
+    startup: Count
+    prune: bool
+    seed: Natural
+    folder: str
+    name: str | None
+    storage: str | None
+
+    def __post_init__(self) -> None:
         self._optuna = load_optuna()
         self._states = self._optuna.trial.TrialState
-        self._trials, self._seeds = trials, seeds
-        self._evaluation_seed, self._startup, self._seed = evaluation_seed, startup, seed
-        config = compose_config(overrides)
+        config = compose_config(self.overrides)
         choices = config.hydra.runtime.choices
         self._task, self._tuner = choices["task"], choices["tuner"]
         plain = resolved(config)
-        self._box = distributions(ranges)
+        self._box = distributions(self.ranges)
         defaults = {key: value_at(plain, key) for key in self._box}
-        self._name = name or f"{self._task}-{self._tuner}"
-        self._folder = Path(folder).expanduser() / self._name
-        self._make(folder)
-        self._study = self._open(storage, prune)
-        self._begin(plain, defaults)
-
-    def _make(self, folder: str) -> None:
+        self._name = self.name or f"{self._task}-{self._tuner}"
+        self._folder = Path(self.folder).expanduser() / self._name
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             (self._folder / ".asking").touch()
         except OSError as error:
             raise ConfigError(
-                f"search.folder={folder!r}: cannot make or use {self._folder}: {error.strerror}; "
-                "choose another folder"
+                f"search.folder={self.folder!r}: cannot make or use {self._folder}: "
+                f"{error.strerror}; choose another folder"
             ) from None
+        self._study = self._open()
+        self._begin(plain, defaults)
 
-    def _open(self, storage: str | None, prune: bool) -> Any:
+    def _open(self) -> Any:
         from optuna.storages.journal import JournalFileBackend
         from sqlalchemy.exc import SQLAlchemyError
 
-        where: Any = storage
-        if storage is None:
-            where = self._optuna.storages.JournalStorage(
-                JournalFileBackend(str(self._folder / "study.journal"))
-            )
+        where: Any = self.storage
+        if where is None:
+            journal = JournalFileBackend(str(self._folder / "study.journal"))
+            where = self._optuna.storages.JournalStorage(journal)
+        pruners = self._optuna.pruners
+        pruner = pruners.MedianPruner(n_startup_trials=5) if self.prune else pruners.NopPruner()
         try:
             return self._optuna.create_study(
-                study_name=self._name,
-                storage=where,
-                load_if_exists=True,
-                pruner=self._optuna.pruners.MedianPruner(n_startup_trials=5)
-                if prune
-                else self._optuna.pruners.NopPruner(),
+                study_name=self._name, storage=where, load_if_exists=True, pruner=pruner
             )
         except (
             ImportError, OSError, ValueError, SQLAlchemyError, self._optuna.exceptions.OptunaError
         ) as error:  # fmt: skip
             what = str(error).partition("\n")[0]  # SQLAlchemy's advice for programmers left out
             raise ConfigError(
-                f"search.storage={storage!r}: {what}; expected the URL of a database, such as "
+                f"search.storage={self.storage!r}: {what}; expected the URL of a database, such as "
                 "sqlite:///study.db, or null for a file in the study's folder"
             ) from error
 
@@ -126,9 +116,9 @@ class Search:
 
         identified, _ = with_code(plain, build_task(plain))
         about = {
-            "config_hash": config_hash({**identified, "seed": self._seeds}),
+            "config_hash": config_hash({**identified, "seed": self.seeds}),
             "ranges": {key: str(value) for key, value in self._box.items()},
-            "evaluation_seed": self._evaluation_seed,
+            "evaluation_seed": self.evaluation_seed,
         }
         with locked(self._folder / ".asking", wait=True):
             earlier = self._study.user_attrs.get("about")
@@ -167,7 +157,7 @@ class Search:
             known = self._study.get_trials(deepcopy=False)
             begun = {origin(t) for t in known if t.state != self._states.WAITING}
             to_go_on = any(t.state == self._states.WAITING and origin(t) in begun for t in known)
-            if len(begun) >= self._trials and not to_go_on:
+            if len(begun) >= self.trials and not to_go_on:
                 return None
             self._study.sampler = self._sampler(len(begun))
             trial = self._study.ask(self._box)
@@ -189,8 +179,8 @@ class Search:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", self._optuna.exceptions.ExperimentalWarning)
             return self._optuna.samplers.TPESampler(
-                seed=stream_seed(self._seed, "search", number) % 2**32,
-                n_startup_trials=self._startup,
+                seed=stream_seed(self.seed, "search", number) % 2**32,
+                n_startup_trials=self.startup,
                 multivariate=True,
                 constant_liar=True,  # trials that other processes are at count as bad ones
             )
@@ -199,10 +189,10 @@ class Search:
         """Run a trial's seeds, those that are done already excepted, and tell the study."""
         costs: list[float] = []
         try:
-            for seed in self._seeds:
+            for seed in self.seeds:
                 costs.append(self._cost(trial, seed))
                 trial.report(float(np.mean(costs)), step=len(costs))
-                if len(costs) < len(self._seeds) and trial.should_prune():
+                if len(costs) < len(self.seeds) and trial.should_prune():
                     self._study.tell(trial.number, state=self._states.PRUNED)
                     print(f"trial {origin(trial)} dropped after {len(costs)} seed(s)", flush=True)
                     return
@@ -216,14 +206,10 @@ class Search:
         """Return the final cost of one run, which goes on where it was left, if it was."""
         from zoac.runs.training.lifecycle import run_session
 
-        config = resolved(compose_config([*self._overrides, *as_overrides(trial.params)]))
-        config["evaluation"]["seed"] = self._evaluation_seed
-        config.update(
-            seed=seed,
-            runs_dir=str(self._folder / "runs"),
-            variant=f"trial-{origin(trial)}",
-            resume="auto",
-        )
+        config = resolved(compose_config([*self.overrides, *as_overrides(trial.params)]))
+        config["evaluation"]["seed"] = self.evaluation_seed
+        config |= {"seed": seed, "resume": "auto", "variant": f"trial-{origin(trial)}",
+                   "runs_dir": str(self._folder / "runs")}  # fmt: skip
         result = run_session(config, task=self._task, tuner=self._tuner, command=sys.argv)
         return float(result["cost_mean"])
 
@@ -242,7 +228,7 @@ class Search:
         )  # fmt: skip
         print(
             f"best of {len(trials)} whole trials: trial {origin(best)}, mean cost {best.value:.4g} "
-            f"over {len(self._seeds)} seeds (trial {origin(first)}: {first.value:.4g})\n"
+            f"over {len(self.seeds)} seeds (trial {origin(first)}: {first.value:.4g})\n"
             f"  {' '.join(as_overrides(best.params))}"
         )
 

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from zoac.config.settings import whole_numbers
+from zoac.config.settings import converted
 from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, ZoacError
 from zoac.core.types import Count, Natural
@@ -185,7 +185,7 @@ def program(
             f"program: {command!r} is no command; expected one such as ['./simulate', '--quick']"
         )
     given = {"command": words, "timeout": timeout, "retries": retries, "cwd": cwd}
-    options = whole_numbers(program, given)
+    options = converted(program, given)
     check_arguments(program, options, "program")
     folder = Path(cwd or ".").expanduser()
     if not folder.is_dir():

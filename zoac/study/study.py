@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zoac.config.settings import whole_numbers
+from zoac.config.settings import converted
 from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, TrialsPending
 from zoac.core.parameters import ParameterSpace
@@ -103,7 +103,7 @@ class Study:
             ConfigError: If something given cannot be used.
             RunFolderError: If the folder holds another study, or cannot be used.
         """
-        given = whole_numbers(Study.__init__, locals())
+        given = converted(Study.__init__, locals())
         check_arguments(Study, {k: v for k, v in given.items() if k not in READ_LATER}, "")
         if space is None and folder is None:
             raise ConfigError("a study needs a space, or the folder of one that was begun")

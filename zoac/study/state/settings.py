@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from zoac.config.files import configuration
-from zoac.config.settings import Settings, whole_numbers
+from zoac.config.settings import Settings, converted
 from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.parameters import Parameter, ParameterSpace
@@ -68,7 +68,7 @@ def new_settings(
     **others: Any,
 ) -> StudySettings:
     """Return checked settings; see `zoac.study.study.Study` for the arguments."""
-    check_arguments(Settings, whole_numbers(Settings, others), "")
+    check_arguments(Settings, converted(Settings, others), "")
     parsed, fixed, values = parse_space(space, baseline)
     limits = numbers(constraints, "constraints")
     given = {"space": fixed, "tuner_options": tuner_options or {}, "constraints": limits}
