@@ -31,6 +31,7 @@ class BayesOpt(NevergradTuner):
     """
 
     display_name = "BO"
+    kept = "_global_random _seen"
 
     def __init__(
         self,
@@ -133,13 +134,10 @@ class BayesOpt(NevergradTuner):
 
     def _own_state(self) -> Any:
         # Repeating every ask would take hours, so the optimiser is copied.
-        library = OwnObject(deepcopy((self._optimizer, self._process, self._asked)))
-        return library, self._global_random, self._seen.state()
+        return OwnObject(deepcopy((self._optimizer, self._process, self._asked)))
 
     def _own_restore(self, state: Any) -> None:
-        library, self._global_random, seen = state
-        self._optimizer, self._process, self._asked = deepcopy(library.value)
-        self._seen = Outcomes(*seen)
+        self._optimizer, self._process, self._asked = deepcopy(state.value)
 
     def describe(self) -> dict[str, Any]:
         design = self._model["initial_design"] or int(np.sqrt(self.search_episodes))

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from tests.algorithm.support import torch_twin
-from zoac.algorithm.adam import Adam
+from zoac.algorithm.adam import START, descend
 from zoac.algorithm.critic import Critic, RunningStatistics, minibatches
 from zoac.algorithm.options import CriticOptions
 
@@ -208,10 +208,9 @@ def test_adam_is_pytorchs():
     rng = np.random.default_rng(8)
     theta = torch.zeros(3, dtype=torch.float64, requires_grad=True)
     reference = torch.optim.Adam([theta], lr=0.03)
-    ours = np.zeros(3)
-    adam = Adam(3)
+    ours, moments = np.zeros(3), START
     for gradient in rng.normal(size=(20, 3)):
         theta.grad = torch.from_numpy(gradient)
         reference.step()
-        ours = adam.descend(ours, gradient, 0.03)
+        ours, moments = descend(ours, moments, gradient, 0.03)
     np.testing.assert_allclose(ours, theta.detach().numpy(), rtol=1e-6)

@@ -173,7 +173,7 @@ def test_bo_can_recommend_the_lowest_posterior_mean():
         evaluate(tuner, group, rng.uniform(-1.0, 1.0, 5), 2.0)
     tuner.ask()
     assert np.abs(tuner.recommend() - TARGET).max() < 0.03
-    assert np.allclose(tuner._best.points[0], lucky)
+    assert np.allclose(tuner._best_points[0], lucky)
 
 
 def test_normal_scores_are_those_of_a_normal_sample():
