@@ -7,12 +7,11 @@ from bayes_opt.util import UtilityFunction, acq_max
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import Matern
 
-from tests.baselines.support import STEPS, TARGET, drive, engine, problem, spoiled, true_cost
+from tests.baselines.support import STEPS, TARGET, drive, engine, problem, spoiled
 from zoac.baselines.acquisition import Acquisition, maximise
 from zoac.baselines.bo import BayesOpt, BoundedRegressor, kept_observations
 from zoac.baselines.extras.model_tuner import normal_scores
 from zoac.baselines.extras.optuna import Optuna
-from zoac.baselines.random_search import RandomSearch
 from zoac.core.errors import ConfigError
 from zoac.core.state import decode, encode
 from zoac.rollout.outcomes import CostRange
@@ -197,13 +196,6 @@ def test_optunas_gaussian_process_restores_exactly():
     np.random.seed(3)  # noqa: NPY002
     asked = drive(twin, twin_group, 5 * STEPS)
     assert all(map(np.array_equal, asked, drive(tuner, group, 5 * STEPS)))
-
-
-def test_optunas_gaussian_process_beats_random_search():
-    tuner, random = Optuna(problem(), initial_design=10), RandomSearch(problem())
-    drive(tuner, engine(), 25 * STEPS)
-    drive(random, engine(), 25 * STEPS)
-    assert true_cost(tuner.recommend()) < true_cost(random.recommend())
 
 
 def test_a_missing_extra_is_named(monkeypatch):

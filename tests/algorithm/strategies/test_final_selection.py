@@ -181,7 +181,7 @@ def test_another_word_is_refused():
         zoac.tune(task=CountingTask(), budget=300, select="best", quiet=True)
 
 
-@pytest.mark.parametrize("tuner", ["zoac_plus", "random", "cmaes_full"])
+@pytest.mark.parametrize("tuner", ["zoac_plus", "cmaes_full"])
 def test_a_run_killed_at_any_batch_gives_the_bits_of_one_that_was_not(tuner, tmp_path):
     """With selection and acceptance test, through checkpoints."""
     overrides = [f"tuner={tuner}", "acceptance_test=0.3", "select=best_evaluated",

@@ -90,7 +90,9 @@ def test_segments_and_seeded_episodes_are_left_alone():
 @pytest.mark.parametrize("tuner", ["zoac", "zoac_plus", "bo", "cmaes", "cmaes_full", "nevergrad"])
 def test_every_tuner_with_a_start_can_be_sampled_for(tuner):
     config = resolved(
-        compose_config([f"tuner={tuner}", "initial_samples=4", "common_random_numbers=true"])
+        compose_config(
+            [f"tuner={tuner}", "initial_samples=4", "common_random_numbers=true", "budget=500"]
+        )
     )
     settings = factory.build_settings(config)
     made = factory.build_tuner(config["tuner"], CountingTask(), settings)
