@@ -211,7 +211,7 @@ def test_a_model_sees_what_violates_as_worse_than_all_and_of_the_size_of_the_cos
 ):
     """At every ask anew: the first episode violates when nothing is known, costs grow later."""
     seen = []
-    one, group = tuner(problem()), engine()
+    one, group = tuner(problem(), initial_design=2), engine()
     prices = CostRange.prices
 
     def spy(self, outcomes):
