@@ -76,15 +76,6 @@ def test_orthogonal_start_with_the_stated_gains():
     assert all(not bias.any() for _, bias in critic._layers)
 
 
-def test_fit_learns_a_function():
-    rng = np.random.default_rng(3)
-    observations = rng.normal(size=(512, 5))
-    targets = np.sin(observations[:, 0]) + 0.5 * observations[:, 1]
-    critic = make_critic(epochs=60)
-    first = critic.fit(observations, targets)
-    assert critic.fit(observations, targets) < 0.05 * first + 1e-3
-
-
 @pytest.mark.parametrize("scale", [0.01, 10.0])
 def test_target_scale_leaves_the_units_of_values_and_loss(scale):
     rng = np.random.default_rng(4)
@@ -107,24 +98,15 @@ def test_restored_critic_continues_bit_for_bit():
     assert np.array_equal(critic.values(observations), twin.values(observations))
 
 
-def test_saved_state_does_not_change_with_the_critic():
-    rng = np.random.default_rng(6)
-    observations, targets = rng.normal(size=(40, 5)), rng.normal(size=40)
-    critic = make_critic()
-    critic.fit(observations, targets)
-    saved = critic.state()
-    before = copy.deepcopy(saved)
-    critic.fit(observations, targets)
-    np.testing.assert_equal(saved, before)
-
-
-def test_restored_state_does_not_change_with_the_critic():
+def test_a_state_does_not_change_with_the_critic_that_gave_or_took_it():
     rng = np.random.default_rng(6)
     observations, targets = rng.normal(size=(40, 5)), rng.normal(size=40)
     critic = make_critic(normalise_observations=True)
     critic.fit(observations, targets)
     saved = critic.state()
     before = copy.deepcopy(saved)
+    critic.fit(observations, targets)
+    np.testing.assert_equal(saved, before)
     critic.restore(saved)
     critic.fit(observations, targets)
     np.testing.assert_equal(saved, before)

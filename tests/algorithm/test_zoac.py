@@ -124,15 +124,6 @@ def test_it_may_begin_in_the_middle_of_the_box():
     np.testing.assert_array_equal(make_zoac(start="middle").recommend(), [0.0, 0.0])
 
 
-def test_same_seed_same_numbers_and_another_seed_others():
-    def last(seed):
-        tuner = make_zoac(seed)
-        iterate(tuner, engine(CountingTask(), [0, 1, 2, 3]), 3)
-        return tuner.recommend().tolist()
-
-    assert last(0) == last(0) != last(1)
-
-
 def test_average_is_recommended_when_asked_for():
     tuner = make_zoac(recommend="average", average_decay=0.5)
     start = tuner.recommend()

@@ -1,5 +1,4 @@
 import dataclasses
-import sys
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from zoac.baselines.acquisition import Acquisition, maximise
 from zoac.baselines.bo import BayesOpt, BoundedRegressor, kept_observations
 from zoac.baselines.extras.model_tuner import normal_scores
 from zoac.baselines.extras.optuna import Optuna
-from zoac.core.errors import ConfigError
 from zoac.core.state import decode, encode
 from zoac.rollout.outcomes import CostRange
 
@@ -127,10 +125,6 @@ def test_the_acquisition_is_maximised_inside_the_box():
     assert maximise(Rising(), bounds, np.random.RandomState(0)).tolist() == [1.0] * 3
 
 
-def test_bo_evaluates_its_start_first():
-    assert np.array_equal(BayesOpt(problem(start=TARGET), start="baseline").ask()[0].x, TARGET)
-
-
 def test_bo_describes_the_random_design_it_makes():
     tuner = BayesOpt(problem(episodes=50), start="library")
     assert tuner.describe()["initial_design"] == 7
@@ -180,10 +174,6 @@ def test_normal_scores_are_those_of_a_normal_sample():
     assert normal_scores(np.array([1.0, 1.0])).tolist() == [0.0, 0.0]
 
 
-def test_optuna_evaluates_its_start_first():
-    assert np.array_equal(Optuna(problem(start=TARGET), start="baseline").ask()[0].x, TARGET)
-
-
 def test_optunas_gaussian_process_restores_exactly():
     def make():
         return Optuna(problem(), initial_design=5)
@@ -196,13 +186,6 @@ def test_optunas_gaussian_process_restores_exactly():
     np.random.seed(3)  # noqa: NPY002
     asked = drive(twin, twin_group, 5 * STEPS)
     assert all(map(np.array_equal, asked, drive(tuner, group, 5 * STEPS)))
-
-
-def test_a_missing_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "optuna", None)
-    monkeypatch.delitem(sys.modules, "zoac.baselines.extras.optuna")
-    with pytest.raises(ConfigError, match=r"pip install 'zoac\[optuna\]'"):
-        __import__("zoac.baselines.extras.optuna")
 
 
 @pytest.mark.parametrize("tuner", [BayesOpt, Optuna])

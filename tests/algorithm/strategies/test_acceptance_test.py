@@ -227,14 +227,6 @@ def test_pairs_meet_the_same_episode_and_no_episode_twice():
     assert len(set(noise)) == len(noise) / 2
 
 
-def test_a_restored_acceptance_test_goes_on_to_the_same_answer():
-    one, other = run_test([0.4, 0.0]), run_test([0.4, 0.0])
-    one.tell(engine(CountingTask(), [0, 1, 2, 3]).rollout(one.ask()))
-    other.restore(one.state())
-    assert [p.seed for p in one.ask()] == [p.seed for p in other.ask()]
-    assert driven(one).outcome() == driven(other).outcome()
-
-
 def act(params, obs):
     return -params["k"] * obs[0] + params["bias"]
 

@@ -5,7 +5,7 @@ import pytest
 
 import zoac
 from tests.runs.training.test_trainer import RUN
-from tests.support import CountingTask, engine, same_segment
+from tests.support import CountingTask, engine
 from zoac.algorithm.strategies import acceptance_test
 from zoac.algorithm.strategies.final_selection import FinalSelection, best_evaluated
 from zoac.config import factory
@@ -132,20 +132,6 @@ def test_a_small_fraction_is_raised_to_an_episode_of_two_candidates():
 def test_a_budget_for_no_choice_is_refused_with_what_is_needed():
     with pytest.raises(ConfigError, match="may take 14 steps.* is 13; give a budget of 70"):
         make(budget=65)
-
-
-@pytest.mark.parametrize("batches", [0, 3, 226, 230, 235])
-def test_a_restored_one_continues_bit_for_bit(batches):
-    tuner, group = make(baseline=-0.6), engine(CountingTask(), range(4))
-    drive(tuner, group, batches)
-    twin, twin_group = make(baseline=-0.6), engine(CountingTask(), range(4))
-    twin.restore(tuner.state())
-    twin_group.restore(group.state())
-    rest, same = drive(tuner, group), drive(twin, twin_group)
-    for one, other in zip(rest, same, strict=True):
-        assert all(map(same_segment, one, other))
-    assert tuner.outcome() == twin.outcome()
-    assert np.array_equal(tuner.recommend(), twin.recommend())
 
 
 def test_it_goes_together_with_the_acceptance_test():
