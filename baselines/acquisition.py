@@ -7,7 +7,7 @@ gradient for the library's kernel, a Matern of smoothness 5/2 with one length sc
 
 import math
 from collections.abc import Callable
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -64,7 +64,7 @@ class Acquisition:
         variance = 1.0 - np.einsum("ij,ij->i", reduced, reduced)
         std = self._std * np.sqrt(np.maximum(variance, _MIN_VARIANCE))
         mean = self._std * (covariance @ self._alpha) + self._mean
-        return self._value(mean, std)
+        return self._of(mean, std)[0]
 
     def value_and_gradient(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Return the value at `x` (d,) and its gradient (d,)."""
@@ -83,27 +83,19 @@ class Acquisition:
         std = self._std * math.sqrt(variance)
         mean_gradient = self._std * ((self._alpha * slope) @ offsets)
         std_gradient = self._std * by_variance / (2.0 * math.sqrt(variance))
-        by_mean, by_std = self._slopes(mean, std)
-        value = float(self._value(np.array([mean]), np.array([std]))[0])
-        return value, by_mean * mean_gradient + by_std * std_gradient
+        value, by_mean, by_std = self._of(mean, std)
+        return float(value), by_mean * mean_gradient + by_std * std_gradient
 
-    def _value(self, mean: np.ndarray, std: np.ndarray) -> np.ndarray:
+    def _of(self, mean: Any, std: Any) -> tuple[Any, Any, Any]:
+        """Return the value and its derivatives with respect to mean and standard deviation."""
         if self._kind == "ucb":
-            return mean + self._kappa * std
+            return mean + self._kappa * std, 1.0, self._kappa
         gain = mean - self._best - self._xi
+        z = gain / std
+        density = np.exp(-0.5 * np.square(z)) / math.sqrt(2.0 * math.pi)
         if self._kind == "poi":
-            return ndtr(gain / std)
-        return gain * ndtr(gain / std) + std * _normal_density(gain / std)
-
-    def _slopes(self, mean: float, std: float) -> tuple[float, float]:
-        """Return the derivatives of the value with respect to mean and standard deviation."""
-        if self._kind == "ucb":
-            return 1.0, self._kappa
-        gain = (mean - self._best - self._xi) / std
-        density = float(_normal_density(gain))
-        if self._kind == "poi":
-            return density / std, -density * gain / std
-        return float(ndtr(gain)), density
+            return ndtr(z), density / std, -density * z / std
+        return gain * ndtr(z) + std * density, ndtr(z), density
 
 
 def maximise(
@@ -150,7 +142,3 @@ def maximise(
 def _matern(distances: np.ndarray) -> np.ndarray:
     r = math.sqrt(5.0) * distances
     return (1.0 + r + r * r / 3.0) * np.exp(-r)
-
-
-def _normal_density(x: np.ndarray | float) -> np.ndarray:
-    return np.exp(-0.5 * np.square(x)) / math.sqrt(2.0 * math.pi)

@@ -12,7 +12,7 @@ from pydantic import Field
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import Matern
 
-from zoac.baselines.acquisition import Acquisition, Rounding, maximise
+from zoac.baselines.acquisition import Acquisition, maximise
 from zoac.baselines.nevergrad import NevergradTuner, ng
 from zoac.core.parameters import ParameterSpace
 from zoac.core.seeding import global_random_kept
@@ -31,6 +31,7 @@ class BayesOpt(NevergradTuner):
     """
 
     display_name = "BO"
+    kept = "_global_random _seen"
 
     def __init__(
         self,
@@ -108,16 +109,32 @@ class BayesOpt(NevergradTuner):
         return optimizer
 
     def _draw(self) -> list[np.ndarray]:
-        # The library was told keys, which only rank. The process needs meaningful differences.
         bo = self._part("bo")
-        bo.suggest = partial(
-            suggest,
-            bo,
-            self._process,
-            -self._costs.prices(self._seen),
-            rounded=partial(rounded_points, self._problem.space),
+        bo.suggest = self._suggest
+        try:
+            return super()._draw()
+        finally:
+            del bo.suggest  # a copy of the library's objects shall not hold the tuner
+
+    def _suggest(self, utility: Any) -> dict[str, float]:
+        """Return the next point, as `bayes_opt.BayesianOptimization.suggest` does, but faster.
+
+        The library was told keys, which only rank; the process needs meaningful differences. It is
+        fitted to rounded points, so that its posterior is constant where the cost is constant
+        (Garrido-Merchan and Hernandez-Lobato 2020).
+        """
+        bo, process = self._optimizer.bo, self._process
+        if len(bo.space) == 0:
+            return bo.space.array_to_params(bo.space.random_sample())
+        rounded = partial(rounded_points, self._problem.space)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the fit's convergence, as in the library
+            process.fit(rounded(bo.space.params), -self._costs.prices(self._seen))
+        acquisition = Acquisition(
+            process, process.seen, utility.kind, kappa=utility.kappa, xi=utility.xi
         )
-        return super()._draw()
+        point = maximise(acquisition, bo.space.bounds, bo.space.random_state, rounded)
+        return bo.space.array_to_params(point)
 
     def _learn(self, outcomes: Outcomes) -> dict[str, float]:
         self._seen += outcomes
@@ -133,13 +150,10 @@ class BayesOpt(NevergradTuner):
 
     def _own_state(self) -> Any:
         # Repeating every ask would take hours, so the optimiser is copied.
-        library = OwnObject(deepcopy((self._optimizer, self._process, self._asked)))
-        return library, self._global_random, self._seen.state()
+        return OwnObject(deepcopy((self._optimizer, self._process, self._asked)))
 
     def _own_restore(self, state: Any) -> None:
-        library, self._global_random, seen = state
-        self._optimizer, self._process, self._asked = deepcopy(library.value)
-        self._seen = Outcomes(*seen)
+        self._optimizer, self._process, self._asked = deepcopy(state.value)
 
     def describe(self) -> dict[str, Any]:
         design = self._model["initial_design"] or int(np.sqrt(self.search_episodes))
@@ -208,28 +222,3 @@ def rounded_points(space: ParameterSpace, points: np.ndarray) -> np.ndarray:
     x = points * 2.0 - 1.0
     rounded = space.rounded(x)
     return np.where(rounded == x, points, (rounded + 1.0) / 2.0)
-
-
-def suggest(
-    bo: Any,
-    process: BoundedRegressor,
-    targets: np.ndarray,
-    utility: Any,
-    rounded: Rounding,
-) -> dict[str, float]:
-    """Return the next point, as `bayes_opt.BayesianOptimization.suggest` does, but faster.
-
-    `process` replaces the library's process, and `targets` (n,), to be maximised, the values that
-    the library was told. The process is fitted to rounded points, so that its posterior is constant
-    where the cost is constant (Garrido-Merchan and Hernandez-Lobato 2020).
-    """
-    if len(bo.space) == 0:
-        return bo.space.array_to_params(bo.space.random_sample())
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the fit's convergence, as in the library
-        process.fit(rounded(bo.space.params), targets)
-    acquisition = Acquisition(
-        process, process.seen, utility.kind, kappa=utility.kappa, xi=utility.xi
-    )
-    point = maximise(acquisition, bo.space.bounds, bo.space.random_state, rounded)
-    return bo.space.array_to_params(point)

@@ -8,12 +8,13 @@ import numpy as np
 
 from zoac.algorithm.strategies.held_out import HeldOut
 from zoac.core.segments import Proposal, Segment
+from zoac.core.state import Kept
 from zoac.core.tuner import Problem, Tuner
 from zoac.core.types import Count, Fraction, bad_is_infinite
 from zoac.rollout.outcomes import CostRange, Outcomes, cost_sums
 
 
-class EpisodeTuner(Tuner):
+class EpisodeTuner(Kept, Tuner):
     """A tuner that sees nothing of an episode but its undiscounted cost.
 
     A subclass draws points in `_draw` and learns from their costs in `_learn`. This class
@@ -23,6 +24,8 @@ class EpisodeTuner(Tuner):
     `zoac.rollout.outcomes` defines how episodes rank. An episode whose cost is not finite is never
     among the best.
     """
+
+    kept = "_rng _steps _batch_size _costs _best _best_points _final _final_told"
 
     def __init__(
         self,
@@ -54,9 +57,13 @@ class EpisodeTuner(Tuner):
         self._search_steps = int(problem.budget * (1.0 - self._fraction))
         self._steps, self._batch_size = 0, 0
         self._costs = CostRange()
-        self._best = _Best(reevaluate_top, problem.space.dimension)
+        self._reevaluate_top = reevaluate_top
+        self._best = Outcomes.none()  # of single episodes, best first
+        self._best_points = np.empty((0, problem.space.dimension))
         self._unknown = np.zeros(problem.space.dimension)
-        self._final: _Reevaluation | None = None
+        self._final = HeldOut(problem, "reevaluation")  # without candidates until its turn
+        # Sums of what tuners are told of the re-evaluated points; None: the search goes on.
+        self._final_told: np.ndarray | None = None
         self._start = start
         if start == "baseline":
             self._unknown = problem.baseline_start("tuner.start=baseline")
@@ -90,9 +97,12 @@ class EpisodeTuner(Tuner):
 
     def ask(self) -> list[Proposal]:
         """Return one whole episode per point."""
-        if self._fraction and self._final is None and self._search_is_over():
-            self._final = _Reevaluation(self._problem, self._best)
-        if self._final is not None:
+        if self._fraction and self._final_told is None and self._search_is_over():
+            for x in self._best_points:
+                self._final.enter(x)
+            self._final.enter_baseline()
+            self._final_told = np.zeros(len(self._best))
+        if self._final_told is not None:
             return self._final.ask(episodes=1)
         num_envs = self._problem.num_envs
         return [Proposal(x=np.array(x), env_index=i % num_envs) for i, x in enumerate(self._draw())]
@@ -108,11 +118,17 @@ class EpisodeTuner(Tuner):
         """Take the cost of each episode."""
         self._batch_size = max(self._batch_size, len(segments))
         self._steps += sum(segment.length for segment in segments)
-        if self._final is not None:
-            return self._final.numbers(segments)
+        if self._final_told is not None:
+            self._final_told += bad_is_infinite(cost_sums(segments[: len(self._best)]))
+            self._final.tell(segments)
+            return self._final_numbers(self._final_told)
         outcomes = Outcomes.of(segments)
         finite = np.isfinite(outcomes.violations)
-        self._best.add(np.stack([s.proposal.x for s in segments]), outcomes)
+        points = np.concatenate([self._best_points, [s.proposal.x for s in segments]])
+        together = self._best + outcomes
+        first = together.order[: self._reevaluate_top]
+        first = first[np.isfinite(together.violations[first])]
+        self._best_points, self._best = points[first], together[first]
         self._costs.add(outcomes)
         metrics = {"cost_mean": float(outcomes.costs[finite].mean())} if finite.any() else {}
         metrics["cost_not_finite"] = float((~finite).sum())
@@ -120,15 +136,25 @@ class EpisodeTuner(Tuner):
             metrics["best_seen"] = float(self._best.costs[0])
         return metrics | self._learn(outcomes)
 
+    def _final_numbers(self, told: np.ndarray) -> dict[str, float]:
+        rounds, means = len(self._final.costs), self._final.costs.mean(axis=0)
+        metrics = {"reevaluation_rounds": float(rounds)}
+        if np.isfinite(means).any():
+            metrics["reevaluated_best"] = float(means[self._final.ranking[0]])
+        if (finite := np.isfinite(told)).any():
+            luck = (told / rounds - self._best.costs)[finite]
+            metrics["selection_bias"] = float(luck.mean())
+        return metrics
+
     def recommend(self) -> np.ndarray:
         """Return the recommendation; until a cost is known, the baseline or the middle."""
-        if self._final is not None and self._final.begun:
+        if self._final.begun:
             return self._final.best
         x = None
         if self._recommendation not in ("best_seen", "reevaluated"):
             x = self._own_recommendation()
         if x is None and len(self._best):
-            x = self._best.points[0]
+            x = self._best_points[0]
         if x is None:
             x = self._unknown
         return self._problem.space.clip(np.array(x, dtype=np.float64))
@@ -137,89 +163,14 @@ class EpisodeTuner(Tuner):
         """Return the choices that all baselines have."""
         chosen: dict[str, Any] = {"recommendation": self._recommendation}
         if self._fraction:
-            chosen["reevaluate_top"] = self._best.size
+            chosen["reevaluate_top"] = self._reevaluate_top
             chosen["reevaluate_fraction"] = self._fraction
         return chosen
 
     def state(self) -> Any:
         """Return everything, the subclass's part included."""
-        return {
-            "rng": self._rng.bit_generator.state,
-            "steps": self._steps,
-            "batch_size": self._batch_size,
-            "costs": (self._costs.low, self._costs.high),
-            "best": self._best.state(),
-            "final": None if self._final is None else self._final.state(),
-            "own": self._own_state(),
-        }
+        return {**super().state(), "own": self._own_state()}
 
     def restore(self, state: Any) -> None:
+        super().restore(state)
         self._own_restore(state["own"])
-        self._rng.bit_generator.state = state["rng"]
-        self._steps, self._batch_size = state["steps"], state["batch_size"]
-        self._costs = CostRange(*state["costs"])
-        self._best.restore(state["best"])
-        self._final = None
-        if state["final"] is not None:
-            self._final = _Reevaluation(self._problem, self._best)
-            self._final.restore(state["final"])
-
-
-class _Best:
-    """The points of the best single episodes, best first."""
-
-    def __init__(self, size: int, dimension: int) -> None:
-        self.size = size
-        self.points = np.empty((0, dimension))
-        self._outcomes = Outcomes.none()
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    @property
-    def costs(self) -> np.ndarray:
-        return self._outcomes.costs
-
-    def add(self, points: np.ndarray, outcomes: Outcomes) -> None:
-        points, together = np.concatenate([self.points, points]), self._outcomes + outcomes
-        first = together.order[: self.size]
-        first = first[np.isfinite(together.violations[first])]
-        self.points, self._outcomes = points[first], together[first]
-
-    def state(self) -> Any:
-        return self.points.copy(), self._outcomes.state()
-
-    def restore(self, state: Any) -> None:
-        self.points, self._outcomes = state[0].copy(), Outcomes(*state[1])
-
-
-class _Reevaluation(HeldOut):
-    """More episodes for the best points and the baseline; each round uses one held-out seed."""
-
-    def __init__(self, problem: Problem, best: _Best) -> None:
-        super().__init__(problem, "reevaluation")
-        for x in best.points:
-            self.enter(x)
-        self._seen = best.costs
-        self._told = np.zeros(len(best))  # sums of tuning costs, the kind of cost in `_seen`
-        self.enter_baseline()
-
-    def numbers(self, segments: Sequence[Segment]) -> dict[str, float]:
-        """Record one round of episodes; return numbers to log."""
-        self.tell(segments)
-        self._told += bad_is_infinite(cost_sums(segments[: len(self._seen)]))
-        rounds, means = len(self.costs), self.costs.mean(axis=0)
-        metrics = {"reevaluation_rounds": float(rounds)}
-        if np.isfinite(means).any():
-            metrics["reevaluated_best"] = float(means[self.ranking[0]])
-        if (finite := np.isfinite(self._told)).any():
-            metrics["selection_bias"] = float((self._told / rounds - self._seen)[finite].mean())
-        return metrics
-
-    def state(self) -> Any:
-        return super().state(), self._seen.copy(), self._told.copy()
-
-    def restore(self, state: Any) -> None:
-        episodes, seen, told = state
-        super().restore(episodes)
-        self._seen, self._told = seen.copy(), told.copy()

@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from zoac.algorithm.adam import Adam
+from zoac.algorithm.adam import START, descend
 from zoac.algorithm.gradient import zeroth_order_gradient
 from zoac.baselines.episode_tuner import EpisodeTuner
 from zoac.core.tuner import Problem
@@ -16,6 +16,7 @@ class EvolutionStrategy(EpisodeTuner):
     """Gradient of the Gaussian-smoothed episode cost, estimated from `population` episodes."""
 
     display_name = "ES"
+    kept = "_theta _adam _noise"
 
     def __init__(
         self,
@@ -45,7 +46,7 @@ class EvolutionStrategy(EpisodeTuner):
         self._step_size = step_size
         self._standardise = standardise_costs
         self._theta = self._first
-        self._adam = Adam(problem.space.dimension)
+        self._adam = START
         self._noise = np.empty((0, len(self._theta)))
 
     def _draw(self) -> list[np.ndarray]:
@@ -58,20 +59,12 @@ class EvolutionStrategy(EpisodeTuner):
             costs = standardised_costs(costs)
         gradient = zeroth_order_gradient(costs, self._noise, self._sigma)
         # Outside the box the noise is clipped, so no gradient would return the mean to the box.
-        theta = self._adam.descend(self._theta, gradient, self._step_size)
+        theta, self._adam = descend(self._theta, self._adam, gradient, self._step_size)
         self._theta = self._problem.space.clip(theta)
         return {"gradient_norm": float(np.linalg.norm(gradient))}
 
     def _own_recommendation(self) -> np.ndarray | None:
         return self._theta
-
-    def _own_state(self) -> Any:
-        return self._theta.copy(), self._adam.moments, self._noise.copy()
-
-    def _own_restore(self, state: Any) -> None:
-        theta, self._adam.moments, noise = state
-        self._theta = theta.copy()
-        self._noise = noise.copy()
 
     def describe(self) -> dict[str, Any]:
         return {

@@ -7,12 +7,13 @@ from typing import Any, Literal
 import numpy as np
 
 from zoac.core.segments import Proposal, Segment
+from zoac.core.state import Kept
 from zoac.core.tuner import Problem, Tuner
 from zoac.core.types import Count
 from zoac.rollout.outcomes import Outcomes
 
 
-class RepeatedHalving(Tuner):
+class RepeatedHalving(Kept, Tuner):
     """Random points, of which the better half is measured again until two are left.
 
     Every round spends the same number of episodes on half as many points: sequential halving
@@ -25,6 +26,7 @@ class RepeatedHalving(Tuner):
 
     display_name = "Halving"
     measures_again = True
+    kept = "_alive _rounds _left _count _violations _costs"
 
     def __init__(
         self,
@@ -95,22 +97,6 @@ class RepeatedHalving(Tuner):
     def recommend(self) -> np.ndarray:
         """See `Tuner.recommend`; before the first round, its first point."""
         return self._points[self._alive[0]].copy()
-
-    def state(self) -> Any:
-        return {
-            "alive": self._alive.copy(),
-            "rounds": self._rounds,
-            "left": self._left,
-            "count": self._count.copy(),
-            "violations": self._violations.copy(),
-            "costs": self._costs.copy(),
-        }
-
-    def restore(self, state: Any) -> None:
-        """See `Tuner.restore`; the points come from the seed."""
-        self._alive, self._count = state["alive"].copy(), state["count"].copy()
-        self._violations, self._costs = state["violations"].copy(), state["costs"].copy()
-        self._rounds, self._left = state["rounds"], state["left"]
 
     def describe(self) -> dict[str, Any]:
         among = ", the baseline values among them" if self._start == "baseline" else ""

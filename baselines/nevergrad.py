@@ -8,6 +8,7 @@ import warnings
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from copy import deepcopy
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -194,15 +195,15 @@ class NevergradTuner(EpisodeTuner):
         return value
 
     def _own_state(self) -> Any:
-        return [item if isinstance(item, int) else item.copy() for item in self._history]
+        return deepcopy(self._history)
 
     def _own_restore(self, state: Any) -> None:
         self._begin()
-        for item in state:
+        for item in deepcopy(state):
             if isinstance(item, int):
                 self._ask_library(item)
             else:
-                self._tell_library(item.copy())
+                self._tell_library(item)
 
     def describe(self) -> dict[str, Any]:
         return {

@@ -26,6 +26,7 @@ class ModelTuner(EpisodeTuner):
 
     library: ClassVar[str]
     """Name and version of the library, for `describe`."""
+    kept = "_points _seen _asked"
     draws_design: ClassVar[bool] = False
     """The library draws the random points before the first model, too."""
 
@@ -87,13 +88,6 @@ class ModelTuner(EpisodeTuner):
         self._seen += outcomes
         self._asked = self._asked[:0]
         return {}
-
-    def _own_state(self) -> Any:
-        return self._points.copy(), self._seen.state(), self._asked.copy()
-
-    def _own_restore(self, state: Any) -> None:
-        points, seen, asked = state
-        self._points, self._seen, self._asked = points.copy(), Outcomes(*seen), asked.copy()
 
     def describe(self) -> dict[str, Any]:
         return {

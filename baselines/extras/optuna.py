@@ -79,12 +79,10 @@ class Optuna(ModelTuner):
         return np.stack([point_of(trial.params, space) for trial in trials])
 
     def _own_state(self) -> Any:
-        return OwnObject(deepcopy(self._sampler)), super()._own_state()
+        return OwnObject(deepcopy(self._sampler))
 
     def _own_restore(self, state: Any) -> None:
-        sampler, history = state
-        self._sampler = deepcopy(sampler.value)
-        super()._own_restore(history)
+        self._sampler = deepcopy(state.value)
 
     def describe(self) -> dict[str, Any]:
         return {

@@ -56,21 +56,6 @@ def test_targets_and_advantages_match_the_sums(rng, lam, end):
     np.testing.assert_allclose(advantages, expected)
 
 
-def test_lambda_1_gives_the_discounted_cost_to_go(rng):
-    segment = make_segment(rng, 6, terminated=True, starts=True)
-    _, (targets,) = estimate([segment], [rng.normal(size=7)], GAMMA, 1.0)
-    discounts = GAMMA ** np.arange(6)
-    expected = [segment.costs[t:] @ discounts[: 6 - t] for t in range(6)]
-    np.testing.assert_allclose(targets, expected)
-
-
-def test_lambda_0_gives_one_step_targets(rng):
-    segment = make_segment(rng, 5, starts=True)
-    values = rng.normal(size=6)
-    _, (targets,) = estimate([segment], [values], GAMMA, 0.0)
-    np.testing.assert_allclose(targets, segment.costs + GAMMA * values[1:])
-
-
 def test_episodes_and_environments_do_not_leak_into_each_other(rng):
     plan = [
         make_segment(rng, 3, env_index=0, starts=True),

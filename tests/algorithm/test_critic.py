@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from tests.algorithm.support import torch_twin
-from zoac.algorithm.adam import Adam
+from zoac.algorithm.adam import START, descend
 from zoac.algorithm.critic import Critic, RunningStatistics, minibatches
 from zoac.algorithm.options import CriticOptions
 
@@ -76,15 +76,6 @@ def test_orthogonal_start_with_the_stated_gains():
     assert all(not bias.any() for _, bias in critic._layers)
 
 
-def test_fit_learns_a_function():
-    rng = np.random.default_rng(3)
-    observations = rng.normal(size=(512, 5))
-    targets = np.sin(observations[:, 0]) + 0.5 * observations[:, 1]
-    critic = make_critic(epochs=60)
-    first = critic.fit(observations, targets)
-    assert critic.fit(observations, targets) < 0.05 * first + 1e-3
-
-
 @pytest.mark.parametrize("scale", [0.01, 10.0])
 def test_target_scale_leaves_the_units_of_values_and_loss(scale):
     rng = np.random.default_rng(4)
@@ -107,24 +98,15 @@ def test_restored_critic_continues_bit_for_bit():
     assert np.array_equal(critic.values(observations), twin.values(observations))
 
 
-def test_saved_state_does_not_change_with_the_critic():
-    rng = np.random.default_rng(6)
-    observations, targets = rng.normal(size=(40, 5)), rng.normal(size=40)
-    critic = make_critic()
-    critic.fit(observations, targets)
-    saved = critic.state()
-    before = copy.deepcopy(saved)
-    critic.fit(observations, targets)
-    np.testing.assert_equal(saved, before)
-
-
-def test_restored_state_does_not_change_with_the_critic():
+def test_a_state_does_not_change_with_the_critic_that_gave_or_took_it():
     rng = np.random.default_rng(6)
     observations, targets = rng.normal(size=(40, 5)), rng.normal(size=40)
     critic = make_critic(normalise_observations=True)
     critic.fit(observations, targets)
     saved = critic.state()
     before = copy.deepcopy(saved)
+    critic.fit(observations, targets)
+    np.testing.assert_equal(saved, before)
     critic.restore(saved)
     critic.fit(observations, targets)
     np.testing.assert_equal(saved, before)
@@ -197,8 +179,8 @@ def test_a_mean_without_gradient_ends_at_zero_not_among_subnormal_numbers():
     observations, targets = rng.normal(size=(50, 5)), rng.normal(size=50)
     critic.fit(observations, targets)
     observations[:, 0] = 0.0  # from now on the weights of this input have no gradient
-    for _ in range(1000):
-        critic.fit(observations, targets)
+    for _ in range(20):
+        critic.fit(observations, targets, epochs=50)
     mean = critic.state()["adam"]["exp_avg"]
     assert not np.any((mean != 0) & (np.abs(mean) < np.finfo(np.float32).smallest_normal))
     assert np.array_equal(mean == 0, np.arange(len(mean)) < 16)
@@ -208,10 +190,9 @@ def test_adam_is_pytorchs():
     rng = np.random.default_rng(8)
     theta = torch.zeros(3, dtype=torch.float64, requires_grad=True)
     reference = torch.optim.Adam([theta], lr=0.03)
-    ours = np.zeros(3)
-    adam = Adam(3)
+    ours, moments = np.zeros(3), START
     for gradient in rng.normal(size=(20, 3)):
         theta.grad = torch.from_numpy(gradient)
         reference.step()
-        ours = adam.descend(ours, gradient, 0.03)
+        ours, moments = descend(ours, moments, gradient, 0.03)
     np.testing.assert_allclose(ours, theta.detach().numpy(), rtol=1e-6)

@@ -19,6 +19,7 @@ OPTIONS = {
     "last": 0.01,
     "slope": 0.002,
     "hidden": (8,),
+    "epochs": 1,
 }
 
 
@@ -64,8 +65,8 @@ def test_without_annealing_the_step_size_stays():
 
 def test_goes_down_the_cost():
     """The cost of `CountingTask` grows with parameter a, so a must fall to its lower bound."""
-    tuner, group = make_zoac(num_envs=20), engine(CountingTask(), list(range(20)))
-    iterate(tuner, group, 150)
+    tuner = make_zoac(num_envs=20, step_size=0.2, last=0.05)
+    iterate(tuner, engine(CountingTask(), list(range(20))), 40)
     assert CountingTask.space.denormalise(tuner.recommend())["a"] < 0.2
 
 
@@ -123,15 +124,6 @@ def test_it_may_begin_in_the_middle_of_the_box():
     np.testing.assert_array_equal(make_zoac(start="middle").recommend(), [0.0, 0.0])
 
 
-def test_same_seed_same_numbers_and_another_seed_others():
-    def last(seed):
-        tuner = make_zoac(seed)
-        iterate(tuner, engine(CountingTask(), [0, 1, 2, 3]), 3)
-        return tuner.recommend().tolist()
-
-    assert last(0) == last(0) != last(1)
-
-
 def test_average_is_recommended_when_asked_for():
     tuner = make_zoac(recommend="average", average_decay=0.5)
     start = tuner.recommend()
@@ -153,8 +145,8 @@ def test_costs_that_are_not_finite_count_as_the_worst_seen():
 
 @pytest.mark.parametrize(("project", "leaves"), [(True, False), (False, True)])
 def test_the_iterate_stays_in_the_box_unless_told_otherwise(project, leaves):
-    tuner = make_zoac(num_envs=20, project=project, slope=0.0)
-    iterate(tuner, engine(CountingTask(), list(range(20))), 80)
+    tuner = make_zoac(num_envs=10, project=project, step_size=0.2, slope=0.0)
+    iterate(tuner, engine(CountingTask(), list(range(10))), 15)
     assert bool((np.abs(tuner._theta) > 1).any()) is leaves
     assert (np.abs(tuner.recommend()) <= 1).all()
 
@@ -222,9 +214,10 @@ def test_what_float32_cannot_hold_leaves_parameters_and_critic_finite(factor, co
 
 def test_huge_costs_still_show_the_way():
     """Squares of these costs overflow; their order does not."""
-    tuner, group = make_zoac(num_envs=20), engine(CountingTask(), list(range(20)))
+    tuner = make_zoac(num_envs=20, step_size=0.2, last=0.05)
+    group = engine(CountingTask(), list(range(20)))
     with np.errstate(all="ignore"):
-        for _ in range(120):
+        for _ in range(40):
             segments = group.rollout(tuner.ask())
             tuner.tell([s.with_costs(1e180 * s.costs) for s in segments])
     assert CountingTask.space.denormalise(tuner.recommend())["a"] < 2.0

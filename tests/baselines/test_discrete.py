@@ -25,8 +25,7 @@ from zoac.rollout.engine import RolloutEngine
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
 
-EPISODES = 40
-EPISODES_OF_A_LIBRARY = 25  # BoTorch takes a second for each five
+EPISODES = 25
 
 
 class Mixed(Quadratic):
@@ -80,7 +79,7 @@ def test_a_librarys_model_that_is_made_anew_finds_them_too(name):
     target = tuner_config(name)["_target_"]
     needs_its_library(target)
     tuner, group = make(locate(target, "tuner"))
-    drive(tuner, group, EPISODES_OF_A_LIBRARY * STEPS)
+    drive(tuner, group, 20 * STEPS)
     assert Mixed.space.values(tuner.recommend())[2:].tolist() == [0.0, 0.5, -0.1]
 
 

@@ -17,7 +17,7 @@ from zoac.core.state import decode, encode
 from zoac.rollout.engine import RolloutEngine
 
 BATCH = NUM_ENVS * STEPS
-LIBRARIES = ["botorch", "smac"]
+LIBRARIES = ["botorch", "optuna", "smac"]
 
 
 class Recorded(ModelTuner):

@@ -1,5 +1,6 @@
-"""Every tuner on every task, both found by their YAML files, through the trainer."""
+"""Every tuner and every task, both found by their YAML files, through the trainer."""
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +21,15 @@ def names(group):
     return sorted(p.stem for p in (CONF / group).glob("*.yaml") if p.stem != "program")
 
 
-@pytest.mark.parametrize("tuner", names("tuner"))
-@pytest.mark.parametrize("task", names("task"))
+def pairs():
+    """Every tuner on one task, three kinds of tuners on every task, and all that have a preset."""
+    of_one = product(["lqr"], names("tuner"))
+    of_all = product(names("task"), ["nominal", "random", "zoac_plus"])
+    presets = [(p.parent.name, p.stem) for p in (CONF / "preset").glob("*/*.yaml")]
+    return sorted({*of_one, *of_all, *presets})
+
+
+@pytest.mark.parametrize(("task", "tuner"), pairs())
 def test_a_small_run_keeps_its_budget_and_recommends_inside_the_box(tuner, task, tmp_path):
     config = resolved(compose_config([
         f"task={task}", f"tuner={tuner}", f"budget={BUDGET}", f"num_envs={NUM_ENVS}",

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
 
+Moments = tuple[Any, Any, int]
+"""First and second moment of the gradient, each (d,), and the number of steps."""
 
-class Adam:
-    """Gradient steps scaled by bias-corrected moments of the gradient."""
+START: Moments = 0.0, 0.0, 0
 
-    def __init__(self, dimension: int) -> None:
-        self.moments = np.zeros(dimension), np.zeros(dimension), 0
-        """First and second moment, number of steps: the whole state, replaced and never changed."""
 
-    def descend(self, parameters: np.ndarray, gradient: np.ndarray, step_size: float) -> np.ndarray:
-        """Return `parameters` (d,) after a step against `gradient` (d,)."""
-        first, second, steps = self.moments
-        first = BETA_1 * first + (1 - BETA_1) * gradient
-        second = BETA_2 * second + (1 - BETA_2) * gradient * gradient
-        steps += 1
-        self.moments = first, second, steps
-        scaled_step = step_size / (1 - BETA_1**steps)
-        root_correction = 1 / np.sqrt(1 - BETA_2**steps)
-        return parameters - scaled_step * first / (np.sqrt(second) * root_correction + EPSILON)
+def descend(
+    parameters: np.ndarray, moments: Moments, gradient: np.ndarray, step_size: float
+) -> tuple[np.ndarray, Moments]:
+    """Return `parameters` (d,) and the moments after a step against `gradient` (d,)."""
+    first, second, steps = moments
+    first = BETA_1 * first + (1 - BETA_1) * gradient
+    second = BETA_2 * second + (1 - BETA_2) * gradient * gradient
+    steps += 1
+    scaled_step = step_size / (1 - BETA_1**steps)
+    root_correction = 1 / np.sqrt(1 - BETA_2**steps)
+    step = scaled_step * first / (np.sqrt(second) * root_correction + EPSILON)
+    return parameters - step, (first, second, steps)

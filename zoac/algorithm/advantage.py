@@ -29,11 +29,6 @@ def residuals(segment: Segment, values: np.ndarray, gamma: float) -> np.ndarray:
     return segment.costs + gamma * following - values[:-1]
 
 
-def advantage(deltas: np.ndarray, decay: float) -> float:
-    """Return sum_k decay^k delta_k over the segment (eq. 9), with decay = gamma lambda."""
-    return float(deltas @ decay ** np.arange(len(deltas)))
-
-
 def value_targets(deltas: np.ndarray, values: np.ndarray, decay: float) -> np.ndarray:
     """Return the target (eq. 7) of each state of a piece of episode, shape (T,).
 
@@ -86,7 +81,7 @@ def estimate(
     """
     decay = gamma * lam
     deltas = [residuals(s, v, gamma) for s, v in zip(segments, values, strict=True)]
-    advantages = np.array([advantage(d, decay) for d in deltas])
+    advantages = np.array([d @ decay ** np.arange(len(d)) for d in deltas])  # eq. (9)
     targets: list[np.ndarray] = [np.empty(0)] * len(segments)
     for piece in pieces(segments):
         together = value_targets(

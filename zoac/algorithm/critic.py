@@ -1,7 +1,7 @@
 """The critic V_w(s): a tanh network fitted to value targets (eq. 8).
 
 Its minibatch steps are most of the time of a tuning run. Autograd would take half as long again,
-so the gradient is written out, into memory that is kept.
+so the gradient is written out.
 """
 
 from __future__ import annotations
@@ -65,9 +65,6 @@ class Critic:
             gain = 1.0 if bias is self._layers[-1][1] else 5 / 3
             torch.nn.init.orthogonal_(matrix.t(), gain=gain, generator=generator)
         self._adam = torch.optim.Adam([self._weights], lr=options.step_size, fused=True)
-        most = max(minibatches(2 * options.minibatch - 1, options))
-        self._outputs = [torch.empty(most, width, **_FLOAT) for width in sizes[1:]]
-        self._flows = [torch.empty_like(memory) for memory in self._outputs]
         self._one = torch.ones((), **_FLOAT)
 
     @_own_settings()
@@ -95,11 +92,11 @@ class Critic:
             (targets * self._options.target_scale).astype(np.float32)
         ).unsqueeze(1)
         parts = minibatches(len(inputs), self._options)
-        shuffled, squares = torch.empty_like(inputs), 0.0
+        squares = 0.0
         for _ in range(self._options.epochs if epochs is None else epochs):
             order = torch.from_numpy(self._rng.permutation(len(inputs)))
-            states = torch.index_select(inputs, 0, order, out=shuffled).split(parts)
-            squares = sum(map(self._step, states, wanted[order].split(parts)))
+            batches = inputs[order].split(parts), wanted[order].split(parts)
+            squares = sum(map(self._step, *batches))
         for moment in self._adam.state[self._weights].values():
             # Without a gradient it would end as a subnormal number, slower than any other.
             moment[moment.abs() < torch.finfo(moment.dtype).smallest_normal] = 0.0
@@ -109,31 +106,28 @@ class Critic:
         return torch.from_numpy(self._statistics.normalised(observations).astype(np.float32))
 
     def _forward(self, inputs: torch.Tensor) -> list[torch.Tensor]:
-        """Return every layer's output, V_w (B, 1) last; the next call overwrites them."""
-        outputs = [memory[: len(inputs)] for memory in self._outputs]
-        below = inputs
-        for (matrix, bias), out in zip(self._layers, outputs, strict=True):
-            torch.addmm(bias, below, matrix, out=out)
-            if out is not outputs[-1]:
-                np.tanh(out.numpy(), out=out.numpy())  # ten times as fast as torch's
-            below = out
+        """Return the inputs and every layer's output, V_w (B, 1) last."""
+        outputs = [inputs]
+        for matrix, bias in self._layers:
+            if len(outputs) > 1:
+                np.tanh(
+                    outputs[-1].numpy(), out=outputs[-1].numpy()
+                )  # ten times as fast as torch's
+            outputs.append(torch.addmm(bias, outputs[-1], matrix))
         return outputs
 
     def _step(self, inputs: torch.Tensor, targets: torch.Tensor) -> float:
         """One Adam step on the mean of 0.5 (V - G)^2; return the sum of (V - G)^2 before it."""
-        outputs = self._forward(inputs)
-        flows = [memory[: len(inputs)] for memory in self._flows]  # gradients before each tanh
-        error = outputs[-1].sub_(targets)
-        torch.div(error, len(inputs), out=flows[-1])
-        for layer in range(len(flows) - 1, -1, -1):
-            below = outputs[layer - 1] if layer else inputs
-            matrix_gradient, bias_gradient = self._gradients[layer]
-            torch.mm(below.t(), flows[layer], out=matrix_gradient)
-            torch.sum(flows[layer], 0, out=bias_gradient)
+        *outputs, values = self._forward(inputs)
+        error = values - targets
+        flow = error / len(inputs)  # the gradient behind a layer, from the last to the first
+        for layer in range(len(outputs) - 1, -1, -1):
+            below, (matrix_gradient, bias_gradient) = outputs[layer], self._gradients[layer]
+            torch.mm(below.t(), flow, out=matrix_gradient)
+            torch.sum(flow, 0, out=bias_gradient)
             if layer:
                 slope = torch.addcmul(self._one, below, below, value=-1, out=below)  # 1 - tanh^2
-                matrix = self._layers[layer][0]
-                torch.mm(flows[layer], matrix.t(), out=flows[layer - 1]).mul_(slope)
+                flow = torch.mm(flow, self._layers[layer][0].t()).mul_(slope)
         self._adam.step()
         return float(error.square().sum())
 

@@ -11,13 +11,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from zoac.algorithm.adam import Adam
+from zoac.algorithm.adam import START, descend
 from zoac.algorithm.advantage import estimate
 from zoac.algorithm.critic import Critic
 from zoac.algorithm.gradient import standardised, zeroth_order_gradient
 from zoac.algorithm.options import CriticOptions, Exploration, StepSize
 from zoac.core.errors import ConfigError
 from zoac.core.segments import Proposal, Segment
+from zoac.core.state import Kept
 from zoac.core.tuner import Problem, Tuner
 from zoac.core.types import UnitInterval
 from zoac.rollout.outcomes import step_costs
@@ -32,11 +33,15 @@ _STARTS = {
 }
 
 
-class Zoac(Tuner):
+class Zoac(Kept, Tuner):
     """The paper's method."""
 
     whole_episodes = False
     display_name = "ZOAC"
+    kept = (
+        "_rng _critic _critic_loss _theta _average _adam "
+        "_iteration _skipped _worst_cost _directions"
+    )
 
     def __init__(
         self,
@@ -91,7 +96,7 @@ class Zoac(Tuner):
         elif start == "middle":
             self._theta = np.zeros(dimension)
         self._average = self._theta.copy()
-        self._adam = Adam(dimension)
+        self._adam = START
         self._iteration = self._skipped = 0
         self._worst_cost = 0.0
         self._pending: tuple[np.ndarray, np.ndarray] | None = None  # states and their targets
@@ -162,7 +167,7 @@ class Zoac(Tuner):
 
     def _move(self, gradient: np.ndarray, step_size: float) -> None:
         if self._step_size.rule == "adam":
-            self._theta = self._adam.descend(self._theta, gradient, step_size)
+            self._theta, self._adam = descend(self._theta, self._adam, gradient, step_size)
         else:
             self._theta = self._theta - step_size * gradient
         if self._project:
@@ -205,29 +210,11 @@ class Zoac(Tuner):
 
     def state(self) -> dict[str, Any]:
         self.background_update()
-        return {
-            "rng": self._rng.bit_generator.state,
-            "critic": self._critic.state(),
-            "critic_loss": self._critic_loss,
-            "theta": self._theta.copy(),
-            "average": self._average.copy(),
-            "adam": self._adam.moments,
-            "iteration": self._iteration,
-            "skipped": self._skipped,
-            "worst_cost": self._worst_cost,
-            "directions": self._directions.copy(),
-        }
+        return super().state()
 
     def restore(self, state: Any) -> None:
-        self._rng.bit_generator.state = state["rng"]
-        self._critic.restore(state["critic"])
-        self._critic_loss = state["critic_loss"]
+        super().restore(state)
         self._pending = None
-        self._theta, self._average = state["theta"].copy(), state["average"].copy()
-        self._adam.moments = state["adam"]
-        self._iteration, self._skipped = state["iteration"], state["skipped"]
-        self._worst_cost = state["worst_cost"]
-        self._directions = state["directions"].copy()
 
     def describe(self) -> dict[str, Any]:
         return {

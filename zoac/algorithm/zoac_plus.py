@@ -38,6 +38,7 @@ class PairedZoac(Zoac):
     """
 
     display_name = "ZOAC+"
+    kept = "_shrinkage"
 
     def __init__(
         self,
@@ -96,13 +97,6 @@ class PairedZoac(Zoac):
             # Half the difference of the two segments: an estimate along epsilon, as eq. (10).
             advantages = (advantages[0::2] - advantages[1::2]) / 2
         return super()._weights(advantages)
-
-    def state(self) -> dict[str, Any]:
-        return {**super().state(), "shrinkage": self._shrinkage}
-
-    def restore(self, state: Any) -> None:
-        super().restore(state)
-        self._shrinkage = state["shrinkage"]
 
     def describe(self) -> dict[str, Any]:
         choices = super().describe()

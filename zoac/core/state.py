@@ -10,8 +10,10 @@ import json
 import sys
 import threading
 from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import astuple, is_dataclass
 from functools import cache
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import cloudpickle
 import numpy as np
@@ -40,6 +42,51 @@ class OwnObject:
 
     def __reduce__(self) -> Any:
         return OwnObject, (self.value,)
+
+
+class Kept:
+    """Saves and restores the attributes that the class and each of its bases name in `kept`.
+
+    An attribute is a number, text, an array, or a dict, list or tuple of them; a dataclass of
+    them; a random generator; or something that has `state` and `restore` itself.
+    """
+
+    kept: ClassVar[str] = ""
+
+    def state(self) -> dict[str, Any]:
+        """Return a copy of what is kept, by name."""
+        return {name: _state_of(getattr(self, name)) for name in self._all_kept()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Restore what `state` returned."""
+        for name in self._all_kept():
+            setattr(self, name, _restored(getattr(self, name), state[name]))
+
+    def _all_kept(self) -> list[str]:
+        return " ".join(vars(kind).get("kept", "") for kind in type(self).__mro__).split()
+
+
+def _state_of(value: Any) -> Any:
+    if isinstance(value, np.random.Generator):
+        return value.bit_generator.state
+    if hasattr(value, "restore"):
+        return value.state()
+    if is_dataclass(value) and not isinstance(value, type):
+        return astuple(value)  # a copy
+    return deepcopy(value)
+
+
+def _restored(value: Any, state: Any) -> Any:
+    """Return what takes the place of an attribute's value."""
+    if isinstance(value, np.random.Generator):
+        value.bit_generator.state = state
+    elif hasattr(value, "restore"):
+        value.restore(state)
+    else:
+        kind: Any = type(value)
+        fresh = deepcopy(state)
+        return kind(*fresh) if is_dataclass(value) else fresh
+    return value
 
 
 class Encoded(NamedTuple):

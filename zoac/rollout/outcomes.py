@@ -100,10 +100,6 @@ class Outcomes:
         """Indices (n,), best first."""
         return ranking(self.violations, self.costs)
 
-    def state(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return a copy of both arrays: `Outcomes(*state)` is the same again."""
-        return self.violations.copy(), self.costs.copy()
-
     @property
     def feasible(self) -> np.ndarray:
         """Which (n,) hold all constraints and cost a finite number."""

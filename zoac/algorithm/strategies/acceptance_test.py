@@ -22,6 +22,8 @@ class AcceptanceTest(ReservedSteps):
     before the first; `Comparison` decides after the last. If it cannot, the baseline is kept.
     """
 
+    kept = "_pairs _episodes"
+
     def __init__(self, problem: Problem, begin: Begin, *, fraction: Fraction) -> None:
         """
         Args:
@@ -105,14 +107,6 @@ class AcceptanceTest(ReservedSteps):
             f"the test could not be run: a pair of episodes may take {2 * self._longest:,} steps, "
             f"and {max(0, self._left):,} were left for it"
         )
-
-    def state(self) -> Any:
-        return {**super().state(), "pairs": self._pairs, "episodes": self._episodes.state()}
-
-    def restore(self, state: Any) -> None:
-        super().restore(state)
-        self._pairs = state["pairs"]
-        self._episodes.restore(state["episodes"])
 
     def describe(self) -> dict[str, Any]:
         """Return the tuner's choices and the test."""

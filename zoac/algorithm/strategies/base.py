@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 
 from zoac.core.segments import Proposal, Segment
+from zoac.core.state import Kept
 from zoac.core.tuner import Problem, Tuner
 
 Begin = Callable[[Problem], Tuner]
 """Makes a tuner for a problem."""
 
 
-class TunerStrategy(Tuner):
+class TunerStrategy(Kept, Tuner):
     """A tuner around another: a subclass changes some of what it does and forwards the rest."""
 
     def __init__(self, problem: Problem, begin: Begin) -> None:
@@ -39,9 +40,10 @@ class TunerStrategy(Tuner):
         return self._tuner.recommend()
 
     def state(self) -> Any:
-        return {"tuner": self._tuner.state()}
+        return {**super().state(), "tuner": self._tuner.state()}
 
     def restore(self, state: Any) -> None:
+        super().restore(state)
         self._tuner.restore(state["tuner"])
 
     def end_search(self) -> bool:
@@ -60,6 +62,8 @@ class StartSearch(TunerStrategy):
     Until that search is over, the tuner inside is one that would begin at the best point so far.
     It must begin at `Problem.start`, and is given the budget that is left.
     """
+
+    kept = "_spent"
 
     def __init__(self, problem: Problem, begin: Begin) -> None:
         self._begin, self._spent = begin, 0
@@ -108,14 +112,10 @@ class StartSearch(TunerStrategy):
         """Return the best point so far, then the tuner's recommendation."""
         return self._best() if self._looking else super().recommend()
 
-    def state(self) -> Any:
-        return {"spent": self._spent, **super().state()}
-
     def restore(self, state: Any) -> None:
-        """See `Tuner.restore`; a subclass restores its own part first."""
-        self._spent = state["spent"]
+        Kept.restore(self, state)
         self._tuner = self._begin_at_best(self._problem)
-        super().restore(state)
+        self._tuner.restore(state["tuner"])
 
 
 class ReservedSteps(TunerStrategy):
@@ -124,6 +124,8 @@ class ReservedSteps(TunerStrategy):
     The search ends before the first batch that could touch the reserved steps, were all of its
     episodes to run to their time limit.
     """
+
+    kept = "_steps _longest _searching _end"
 
     def __init__(self, problem: Problem, begin: Begin, fraction: float) -> None:
         """
@@ -188,14 +190,6 @@ class ReservedSteps(TunerStrategy):
         self._steps += sum(lengths)
         self._longest = max([self._longest, *lengths])
         return super().tell(segments) if self._searching else self._tell_after(segments)
-
-    def state(self) -> Any:
-        counted = self._steps, self._longest, self._searching, self._end
-        return {**super().state(), "counted": counted}
-
-    def restore(self, state: Any) -> None:
-        super().restore(state)
-        self._steps, self._longest, self._searching, self._end = state["counted"]
 
 
 def search_budget(budget: int, fraction: float) -> int:

@@ -26,6 +26,8 @@ class FinalSelection(ReservedSteps):
     as any other. A budget that cannot pay for two candidates is left to the search.
     """
 
+    kept = "_next _noted _rounds _until _episodes"
+
     def __init__(
         self,
         problem: Problem,
@@ -120,22 +122,6 @@ class FinalSelection(ReservedSteps):
             "episodes": len(self._episodes.costs),
         }
         return {**super().outcome(), "select": chosen}
-
-    def state(self) -> Any:
-        return {
-            **super().state(),
-            "next": self._next,
-            "noted": [(steps, x.copy()) for steps, x in self._noted],
-            "episodes": self._episodes.state(),
-            "rounds": (self._rounds, self._until),
-        }
-
-    def restore(self, state: Any) -> None:
-        super().restore(state)
-        self._next = state["next"]
-        self._noted = [(steps, x.copy()) for steps, x in state["noted"]]
-        self._episodes.restore(state["episodes"])
-        self._rounds, self._until = state["rounds"]
 
     def describe(self) -> dict[str, Any]:
         """Return the tuner's choices and the selection."""

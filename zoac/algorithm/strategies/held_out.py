@@ -6,17 +6,20 @@ import numpy as np
 
 from zoac.core.seeding import stream_seed
 from zoac.core.segments import Proposal, Segment
+from zoac.core.state import Kept
 from zoac.core.tuner import Problem
 from zoac.core.types import bad_is_infinite
 from zoac.rollout.outcomes import cost_sums, ranking
 
 
-class HeldOut:
+class HeldOut(Kept):
     """Whole episodes from common seeds, the same for every candidate.
 
     Plain costs are compared, whatever a tuner is told. Where constraints are violated, the least
     violation comes first and the lowest mean cost second.
     """
+
+    kept = "_candidates costs violations failed"
 
     def __init__(self, problem: Problem, name: str) -> None:
         """
@@ -102,13 +105,3 @@ class HeldOut:
         self.costs = np.concatenate([self.costs, costs.reshape(shape)])
         self.violations = np.concatenate([self.violations, violations.reshape(shape)])
         self.failed = np.concatenate([self.failed, failed.reshape(shape)])
-
-    def state(self) -> tuple[np.ndarray, ...]:
-        """Return a copy of candidates and episodes."""
-        arrays = self._candidates, self.costs, self.violations, self.failed
-        return tuple(array.copy() for array in arrays)
-
-    def restore(self, state: Sequence[np.ndarray]) -> None:
-        """Restore what `state` returned."""
-        arrays = (array.copy() for array in state)
-        self._candidates, self.costs, self.violations, self.failed = arrays

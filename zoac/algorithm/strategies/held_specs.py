@@ -42,6 +42,8 @@ class HeldSpecs(ReservedSteps):
     costs little more than the cheapest.
     """
 
+    kept = "_points _outcomes _episodes"
+
     def __init__(self, problem: Problem, begin: Begin) -> None:
         super().__init__(problem, begin, FRACTION)
         self._points = np.empty((0, problem.space.dimension))
@@ -105,19 +107,6 @@ class HeldSpecs(ReservedSteps):
     def outcome(self) -> dict[str, Any]:
         """Return for `result.json` how many held-out episodes chose the answer."""
         return {**super().outcome(), "held_specs": {"episodes": len(self._episodes.costs)}}
-
-    def state(self) -> Any:
-        return {
-            **super().state(),
-            "points": self._points.copy(),
-            "outcomes": self._outcomes.state(),
-            "episodes": self._episodes.state(),
-        }
-
-    def restore(self, state: Any) -> None:
-        super().restore(state)
-        self._points, self._outcomes = state["points"].copy(), Outcomes(*state["outcomes"])
-        self._episodes.restore(state["episodes"])
 
     def describe(self) -> dict[str, Any]:
         """Return the tuner's choices and this one."""

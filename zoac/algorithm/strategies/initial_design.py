@@ -20,6 +20,8 @@ class InitialDesign(StartSearch):
     The points are uniform in the mapped box, and their episodes begin alike.
     """
 
+    kept = "_episodes"
+
     def __init__(self, problem: Problem, begin: Begin, *, count: Count) -> None:
         """
         Args:
@@ -53,13 +55,6 @@ class InitialDesign(StartSearch):
             {"initial_best_cost": float(best.costs[0])} if np.isfinite(best.violations[0]) else {}
         )
 
-    def state(self) -> Any:
-        return {"episodes": self._episodes.state(), **super().state()}
-
-    def restore(self, state: Any) -> None:
-        self._episodes = Outcomes(*state["episodes"])
-        super().restore(state)
-
     def describe(self) -> dict[str, Any]:
         """Return the tuner's choices, its start replaced."""
         return {**super().describe(), "start": f"best of {len(self._points)} random points"}
@@ -71,6 +66,8 @@ class CommonRandomNumbers(TunerStrategy):
     Differences within a batch are then the points' own. Every batch has another episode. Segments,
     and episodes of the tuner's own choice, are left as they are.
     """
+
+    kept = "_batch"
 
     def __init__(self, problem: Problem, begin: Begin) -> None:
         super().__init__(problem, begin)
@@ -84,13 +81,6 @@ class CommonRandomNumbers(TunerStrategy):
             replace(p, seed=seed) if p.horizon is None and p.seed is None else p
             for p in super().ask()
         ]
-
-    def state(self) -> Any:
-        return {"batch": self._batch, **super().state()}
-
-    def restore(self, state: Any) -> None:
-        self._batch = state["batch"]
-        super().restore(state)
 
     def describe(self) -> dict[str, Any]:
         return {**super().describe(), "episodes": "common to a batch"}

@@ -42,6 +42,7 @@ class SuccessiveHalving(StartSearch):
     """
 
     whole_episodes = False
+    kept = "_rng _round _points _ranked"
 
     def __init__(
         self,
@@ -137,21 +138,6 @@ class SuccessiveHalving(StartSearch):
             if self._spent + steps > self._fraction * self._problem.budget:
                 self._round = len(self._horizons)
         return told
-
-    def state(self) -> Any:
-        return {
-            "rng": self._rng.bit_generator.state,
-            "round": self._round,
-            "points": self._points.copy(),
-            "ranked": self._ranked.copy(),
-            **super().state(),
-        }
-
-    def restore(self, state: Any) -> None:
-        self._rng.bit_generator.state = state["rng"]
-        self._round = state["round"]
-        self._points, self._ranked = state["points"].copy(), state["ranked"].copy()
-        super().restore(state)
 
     def describe(self) -> dict[str, Any]:
         """Return the tuner's choices, its start replaced."""
