@@ -61,7 +61,7 @@ def test_another_format_is_refused_and_named_even_with_a_readable_previous_one(t
     checkpoint.save(tmp_path, "older")
     checkpoint.save(tmp_path, "newer")
     written(tmp_path, pickle.dumps(1), format=version)
-    with pytest.raises(RunFolderError, match="checkpoint format .*reads format 3.*resume=over"):
+    with pytest.raises(RunFolderError, match="checkpoint format .*reads format 4.*resume=over"):
         checkpoint.load(tmp_path)
 
 

@@ -18,7 +18,7 @@ from zoac.core.errors import RunFolderError, ZoacError, as_text
 from zoac.core.state import Encoded, decode, encode
 from zoac.runs.schema import sync_folder, write_atomically
 
-FORMAT = 3
+FORMAT = 4
 CURRENT, PREVIOUS = "current.ckpt", "previous.ckpt"
 
 
