@@ -8,6 +8,7 @@ import os
 import pickle
 import signal
 import subprocess
+import sys
 import threading
 import time
 from contextlib import suppress
@@ -25,6 +26,7 @@ from zoac.core.segments import Proposal, Segment
 from zoac.core.state import Encoded, OwnObject
 from zoac.envs.base import ArrayVecEnv
 from zoac.rollout.engine import RolloutEngine
+from zoac.rollout.executors import worker
 from zoac.rollout.task import Task
 from zoac.runs import checkpoint
 
@@ -259,6 +261,40 @@ class SmallGroupTask(CountingTask):
         if n == 1:
             raise ConnectionError("the second bench does not answer")
         return super().make_env(n)
+
+
+class ForkedWorker:
+    """A worker process as `guard.started` returns it, but forked from this one: 1% of the time.
+
+    It knows what this process knows, so it is for tests in which that makes no difference.
+    """
+
+    def __init__(self, *_arguments: Any, **_options: Any) -> None:
+        requests, to_worker = os.pipe()
+        from_worker, replies = os.pipe()
+        self.pid, self.returncode = os.fork(), None
+        if self.pid == 0:
+            os.setpgid(0, 0)  # it leads a group, which is killed as one
+            # As after an exec: else workers would keep each other's pipes.
+            first, second = sorted((requests, replies))
+            os.closerange(3, first)
+            os.closerange(first + 1, second)
+            os.closerange(second + 1, 1024)
+            sys.stderr = open(2, "w", closefd=False)
+            sys.stdin, sys.stdout = open(requests), open(replies, "w")
+            try:
+                worker.main()
+            finally:
+                os._exit(1)
+        os.close(requests)
+        os.close(replies)
+        self.stdin, self.stdout = open(to_worker, "wb"), open(from_worker, "rb")
+        os.setpgid(self.pid, self.pid)  # here too: it may be killed before it has done so
+
+    def wait(self) -> int:
+        if self.returncode is None:
+            self.returncode = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+        return self.returncode
 
 
 def marked(mark: str) -> list[int]:
