@@ -272,7 +272,8 @@ class ForkedWorker:
     def __init__(self, *_arguments: Any, **_options: Any) -> None:
         requests, to_worker = os.pipe()
         from_worker, replies = os.pipe()
-        self.pid, self.returncode = os.fork(), None
+        self.returncode: int | None = None
+        self.pid = os.fork()
         if self.pid == 0:
             os.setpgid(0, 0)  # it leads a group, which is killed as one
             # As after an exec: else workers would keep each other's pipes.
@@ -280,21 +281,24 @@ class ForkedWorker:
             os.closerange(3, first)
             os.closerange(first + 1, second)
             os.closerange(second + 1, 1024)
-            sys.stderr = open(2, "w", closefd=False)
-            sys.stdin, sys.stdout = open(requests), open(replies, "w")
+            sys.stdin, sys.stdout = os.fdopen(requests), os.fdopen(replies, "w")
+            sys.stderr = os.fdopen(2, "w")
             try:
                 worker.main()
             finally:
                 os._exit(1)
         os.close(requests)
         os.close(replies)
-        self.stdin, self.stdout = open(to_worker, "wb"), open(from_worker, "rb")
+        self.stdin, self.stdout = os.fdopen(to_worker, "wb"), os.fdopen(from_worker, "rb")
         os.setpgid(self.pid, self.pid)  # here too: it may be killed before it has done so
 
-    def wait(self) -> int:
-        if self.returncode is None:
-            self.returncode = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+    def poll(self, options: int = os.WNOHANG) -> int | None:
+        if self.returncode is None and (ended := os.waitpid(self.pid, options))[0]:
+            self.returncode = os.waitstatus_to_exitcode(ended[1])
         return self.returncode
+
+    def wait(self) -> int | None:
+        return self.poll(0)
 
 
 def marked(mark: str) -> list[int]:
