@@ -103,7 +103,7 @@ def test_no_function_of_a_segment_changes_what_others_read():
     assert np.array_equal(segment.costs, before)
 
 
-def test_a_failure_in_an_evaluation_is_told_alike_by_every_executor():
+def test_a_failure_in_an_evaluation_is_told_alike_by_every_executor(forked_workers):
     def picky(params, obs):
         if obs[0] > 1.3:
             raise ValueError("too far")

@@ -58,7 +58,7 @@ def test_environments_beside_a_failing_one_do_not_notice(way):
 
 
 @WAYS
-def test_processes_give_the_bits_of_serial(way):
+def test_processes_give_the_bits_of_serial(way, forked_workers):
     plan = [proposal(env_index, a=a) for a in (9, 5) for env_index in (0, 1, 2)]
     serial = engine(FailingTask(way), [0, 1, 2]).rollout(plan)
     executor = Process(workers=2)

@@ -154,7 +154,8 @@ def act(params, obs):
 
 def tuned(seed):
     result = zoac.tune(env=Own, controller=act, space={"k": (0.0, 1.0)}, tuner="random", budget=10,
-                       num_envs=2, episodes=1, final_episodes=1, max_episode_steps=5, quiet=True, executor="process", seed=seed)
+                       num_envs=2, episodes=1, final_episodes=1, max_episode_steps=5, quiet=True,
+                       executor="process", seed=seed)
     return result.cost_mean
 """
 
