@@ -78,8 +78,6 @@ def test_a_metric_cannot_take_the_place_of_what_is_reported_anyway(name):
         (lambda: Metric("m", np.ravel, "max"), "unknown reduce 'max'; .*known: mean, sum"),
         (lambda: Metric("m", "tank.level"), "metric 'm': expected a function of a segment"),
         (lambda: Metric(3, np.ravel), "name of a metric must be text, got 3"),
-        (lambda: Constraint("c", np.ravel, 0.0), "constraint 'c': scale=0.0, expected .* above"),
-        (lambda: Constraint("c", np.ravel, -1), "scale=-1, expected a number above zero"),
         (lambda: Constraint("c", np.ravel, np.nan), "scale=nan, expected a number above zero"),
         (lambda: Constraint("c", np.ravel, "5"), "scale='5', expected a number above zero"),
     ],

@@ -1,6 +1,7 @@
 """An environment that fails: a message, or with a penalty a terminated episode, counted."""
 
 import json
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -115,12 +116,9 @@ def test_processes_company_and_a_resume_give_the_same_bits(way, kind):
 
 def test_an_executor_with_processes_prices_them_alike(forked_workers):
     plan = [at(k, env_index) for k in (0.9, 0.1, 0.7) for env_index in (0, 1)]
-    executor = Process(workers=2)
-    try:
+    with closing(Process(workers=2)) as executor:
         executor.start(task(), 2, seed=0)
         told = [(s.failure, s.length, s.costs[-1]) for s in executor.rollout(plan)]
-    finally:
-        executor.close()
     assert [f is not None for f, *_ in told] == [True, True, False, False, True, True]
     assert all((length, cost) == (3, 50.0) for f, length, cost in told if f)
 
