@@ -126,7 +126,7 @@ class RolloutEngine:
             for env_index in over.nonzero()[0].tolist():
                 run = running.pop(env_index)
                 ended, cut = bool(terminated[env_index]), bool(truncated[env_index])
-                arrays = record.cut(run.first_row, env_index)
+                arrays: dict[str, Any] = record.cut(run.first_row, env_index)
                 seen = (arrays.pop("observations"), self._observations[None, env_index])
                 segment = Segment(
                     proposal=proposals[run.index],
@@ -136,7 +136,7 @@ class RolloutEngine:
                     failure=self._failures.get(env_index),
                     diagnostics=diagnosed.cut(run.first_row, env_index),
                     observations=np.concatenate(seen, dtype=np.float64),
-                    **{name: np.asarray(rows, np.float64) for name, rows in arrays.items()},
+                    **{name: v.astype(np.float64, copy=False) for name, v in arrays.items()},
                 )
                 segments[run.index] = self._judge.judged(segment)
                 if ended or cut:

@@ -56,7 +56,8 @@ class Auto(Executor):
         self._settled = min(num_envs, self._most or usable_cores()) == 1
         self._untouched = True  # no environment has moved yet
         self._calls, self._spent = 0, 0.0
-        self._seconds, self._steps = Counter[Executor](), Counter[Executor]()
+        self._seconds = defaultdict[Executor, float](float)
+        self._steps = Counter[Executor]()
         self._serial.start(task, num_envs, seed)
 
     def run(
