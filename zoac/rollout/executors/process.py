@@ -9,13 +9,16 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
+import cloudpickle
+
 from zoac.core.errors import WorkerError
 from zoac.core.seeding import stream_seed
+from zoac.core.state import pickled
 from zoac.core.types import Count
 from zoac.rollout.executors import guard
 from zoac.rollout.executors.pool import Handle, Pool
 from zoac.rollout.executors.step_watch import Call, StepWatch
-from zoac.rollout.executors.worker import CANNOT_BE_SAVED, receive, send
+from zoac.rollout.executors.worker import CANNOT_BE_SAVED, read, write
 from zoac.rollout.task import Task
 
 Request = tuple[str, tuple[Any, ...]]
@@ -72,7 +75,7 @@ class _ProcessHandle(Handle):
             steps.append(("restore", (self.env_states,)))
         for step in steps:
             try:
-                send(self._input, step)
+                write(self._input, pickled(step))
                 _, error = self._reply()
             except (EOFError, OSError):
                 raise WorkerError(
@@ -89,7 +92,7 @@ class _ProcessHandle(Handle):
         """Send the request, in which some calls of environments never return."""
         method, arguments = self._request
         with contextlib.suppress(OSError):  # it has died: `finish` notices and sends again
-            send(self._input, (method, (*arguments, hung) if hung else arguments))
+            write(self._input, pickled((method, (*arguments, hung) if hung else arguments)))
 
     def finish(self) -> Any:
         deaths, hung = 0, list[Call]()
@@ -170,7 +173,7 @@ class _ProcessHandle(Handle):
         Raises:
             EOFError: If the process has died.
         """
-        result, error, self._seconds = receive(self._output)
+        result, error, self._seconds = cloudpickle.loads(read(self._output))
         return result, error
 
 
