@@ -273,17 +273,18 @@ class ForkedWorker:
         requests, to_worker = os.pipe()
         from_worker, replies = os.pipe()
         self.returncode: int | None = None
+        self._waiting = threading.Lock()  # two threads may close the same worker
         self.pid = os.fork()
         if self.pid == 0:
-            os.setpgid(0, 0)  # it leads a group, which is killed as one
-            # As after an exec: else workers would keep each other's pipes.
-            first, second = sorted((requests, replies))
-            os.closerange(3, first)
-            os.closerange(first + 1, second)
-            os.closerange(second + 1, 1024)
-            sys.stdin, sys.stdout = os.fdopen(requests), os.fdopen(replies, "w")
-            sys.stderr = os.fdopen(2, "w")
             try:
+                os.setpgid(0, 0)  # it leads a group, which is killed as one
+                # As after an exec: else workers would keep each other's pipes.
+                first, second = sorted((requests, replies))
+                os.closerange(3, first)
+                os.closerange(first + 1, second)
+                os.closerange(second + 1, 1024)
+                sys.stdin, sys.stdout = os.fdopen(requests), os.fdopen(replies, "w")
+                sys.stderr = os.fdopen(2, "w")
                 worker.main()
             finally:
                 os._exit(1)
@@ -293,9 +294,10 @@ class ForkedWorker:
         os.setpgid(self.pid, self.pid)  # here too: it may be killed before it has done so
 
     def poll(self, options: int = os.WNOHANG) -> int | None:
-        if self.returncode is None and (ended := os.waitpid(self.pid, options))[0]:
-            self.returncode = os.waitstatus_to_exitcode(ended[1])
-        return self.returncode
+        with self._waiting:
+            if self.returncode is None and (ended := os.waitpid(self.pid, options))[0]:
+                self.returncode = os.waitstatus_to_exitcode(ended[1])
+            return self.returncode
 
     def wait(self) -> int | None:
         return self.poll(0)
