@@ -39,3 +39,12 @@ def stopping(monkeypatch):
         monkeypatch.setattr(Trainer, "__init__", original if iterations is None else init)
 
     return after
+
+
+@pytest.fixture
+def forked_workers(monkeypatch):
+    """Have `executor=process` fork its workers from this process, which takes no time."""
+    from tests.support import ForkedWorker
+    from zoac.rollout.executors import guard
+
+    monkeypatch.setattr(guard, "started", ForkedWorker)

@@ -8,6 +8,7 @@ import os
 import pickle
 import signal
 import subprocess
+import sys
 import threading
 import time
 from contextlib import suppress
@@ -25,6 +26,7 @@ from zoac.core.segments import Proposal, Segment
 from zoac.core.state import Encoded, OwnObject
 from zoac.envs.base import ArrayVecEnv
 from zoac.rollout.engine import RolloutEngine
+from zoac.rollout.executors import worker
 from zoac.rollout.task import Task
 from zoac.runs import checkpoint
 
@@ -259,6 +261,46 @@ class SmallGroupTask(CountingTask):
         if n == 1:
             raise ConnectionError("the second bench does not answer")
         return super().make_env(n)
+
+
+class ForkedWorker:
+    """A worker process as `guard.started` returns it, but forked from this one: 1% of the time.
+
+    It knows what this process knows, so it is for tests in which that makes no difference.
+    """
+
+    def __init__(self, *_arguments: Any, **_options: Any) -> None:
+        requests, to_worker = os.pipe()
+        from_worker, replies = os.pipe()
+        self.returncode: int | None = None
+        self._waiting = threading.Lock()  # two threads may close the same worker
+        self.pid = os.fork()
+        if self.pid == 0:
+            try:
+                os.setpgid(0, 0)  # it leads a group, which is killed as one
+                # As after an exec: else workers would keep each other's pipes.
+                first, second = sorted((requests, replies))
+                os.closerange(3, first)
+                os.closerange(first + 1, second)
+                os.closerange(second + 1, 1024)
+                sys.stdin, sys.stdout = os.fdopen(requests), os.fdopen(replies, "w")
+                sys.stderr = os.fdopen(2, "w")
+                worker.main()
+            finally:
+                os._exit(1)
+        os.close(requests)
+        os.close(replies)
+        self.stdin, self.stdout = os.fdopen(to_worker, "wb"), os.fdopen(from_worker, "rb")
+        os.setpgid(self.pid, self.pid)  # here too: it may be killed before it has done so
+
+    def poll(self, options: int = os.WNOHANG) -> int | None:
+        with self._waiting:
+            if self.returncode is None and (ended := os.waitpid(self.pid, options))[0]:
+                self.returncode = os.waitstatus_to_exitcode(ended[1])
+            return self.returncode
+
+    def wait(self) -> int | None:
+        return self.poll(0)
 
 
 def marked(mark: str) -> list[int]:

@@ -10,7 +10,8 @@ from pathlib import Path
 import fmpy  # of the extra `dev`
 import pytest
 
-from tests.envs.test_fmu import STEP, Mass, fmu, pd, tuned
+from tests import commands
+from tests.envs.test_fmu import STEP, STEPS, Mass, fmu, pd, tuned
 from zoac.core.errors import ConfigError, EnvironmentFailure
 from zoac.tasks.user_task import user_task
 
@@ -134,7 +135,7 @@ def path(tmp_path_factory):
 
 def test_it_tunes_to_the_gains_and_costs_of_the_original(path):
     options = {"tuner": "zoac_plus", "vary": {"mass": (0.5, 4.0)}}
-    original = tuned(Mass, max_episode_steps=100, **options)
+    original = tuned(Mass, max_episode_steps=STEPS, **options)
     found = tuned(lambda: fmu(path), **options)
     assert found.parameters == pytest.approx(original.parameters, abs=1e-9)
     assert found.cost_per_episode == pytest.approx(original.cost_per_episode, abs=1e-9)
@@ -168,6 +169,7 @@ def test_an_fmu_that_asks_for_the_end_has_failed(path):
 
 FORKS = """
 import os, sys
+from tests import commands
 from tests.envs.test_fmu import fmu
 env = fmu(sys.argv[1])
 env.reset(seed=0)
@@ -182,10 +184,8 @@ print(env.step([0.0])[0].tolist())
 
 
 def test_a_fork_leaves_the_instance_alone_and_the_end_leaves_no_files(path, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", FORKS, str(path)], env={**os.environ, "TMPDIR": str(tmp_path)},
-        cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    done = commands.run("-c", FORKS, path, cwd=Path(__file__).parents[2],
+                        env={**os.environ, "TMPDIR": str(tmp_path)})  # fmt: skip
     assert (done.returncode, done.stdout) == (0, "[1.0, 0.0]\n"), done.stderr
     assert list(tmp_path.iterdir()) == []
 

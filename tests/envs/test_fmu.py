@@ -41,7 +41,7 @@ class Mass(Fmi2Slave):
         self.position += step_size * self.speed
         return True
 """
-STEP, STOP = 0.05, 5.0
+STEPS, STEP = 40, 0.05
 
 
 class Mass(gymnasium.Env):
@@ -65,7 +65,7 @@ class Mass(gymnasium.Env):
         self.steps += 1
         cost = quadratic({"position": self.position, "force": force})
         seen = np.array([self.position, self.speed])
-        return seen, -cost, False, self.steps >= STOP / STEP, {}
+        return seen, -cost, False, self.steps >= STEPS, {}
 
 
 def quadratic(values):
@@ -99,7 +99,7 @@ def fmu(path, **options):
         "actions": {"force": (-5.0, 5.0)},
         "cost": quadratic,
         "step_size": STEP,
-        "stop_time": STOP,
+        "stop_time": STEPS * STEP,
         **options,
     }
     return FmuEnv(path, **given)
@@ -107,13 +107,13 @@ def fmu(path, **options):
 
 def tuned(env, **options):
     given = {"space": {"kp": (0.0, 10.0), "kd": (0.0, 10.0)}, "num_envs": 2, "quiet": True,
-             "budget": 1000, "episodes": 1, "final_episodes": 2, **options}  # fmt: skip
+             "budget": 10 * STEPS, "episodes": 1, "final_episodes": 2, **options}  # fmt: skip
     return zoac.tune(env=env, controller=pd, **given)
 
 
 @pytest.mark.parametrize("tuner", ["cmaes_full", "zoac_plus"])
 def test_it_tunes_to_the_gains_and_costs_of_the_original(tuner, path):
-    original = tuned(Mass, tuner=tuner, max_episode_steps=100)
+    original = tuned(Mass, tuner=tuner, max_episode_steps=STEPS)
     found = tuned(lambda: fmu(path), tuner=tuner)
     assert found.parameters == pytest.approx(original.parameters, abs=1e-9)
     assert found.cost_per_episode == pytest.approx(original.cost_per_episode, abs=1e-9)
@@ -121,7 +121,7 @@ def test_it_tunes_to_the_gains_and_costs_of_the_original(tuner, path):
 
 
 def test_parameters_are_set_and_varied(path):
-    original = tuned(Mass, tuner="random", vary={"mass": (0.5, 4.0)}, max_episode_steps=100)
+    original = tuned(Mass, tuner="random", vary={"mass": (0.5, 4.0)}, max_episode_steps=STEPS)
     found = tuned(lambda: fmu(path), tuner="random", vary={"mass": (0.5, 4.0)})
     assert found.cost_per_episode == pytest.approx(original.cost_per_episode, abs=1e-9)
     heavy = tuned(lambda: fmu(path), tuner="random", plant={"mass": 4.0})
@@ -136,11 +136,11 @@ def test_its_state_is_saved_and_restored_also_into_another_instance(path):
     for _ in range(7):
         one.step([1.0])
     state = one.get_state()
-    expected = [(o.tolist(), *rest) for o, *rest in (one.step([0.3]) for _ in range(93))]
+    expected = [(o.tolist(), *rest) for o, *rest in (one.step([0.3]) for _ in range(33))]
     assert expected[-1][3]  # the end of the episode
     other.reset(seed=0)
     other.set_state(state)
-    assert [(o.tolist(), *rest) for o, *rest in (other.step([0.3]) for _ in range(93))] == expected
+    assert [(o.tolist(), *rest) for o, *rest in (other.step([0.3]) for _ in range(33))] == expected
 
 
 def test_one_that_cannot_be_saved_serves_tuners_of_whole_episodes(build):
@@ -159,7 +159,7 @@ def test_one_instance_serves_every_episode(path, monkeypatch):
     task = user_task(env=lambda: fmu(path), controller=pd, space={"kp": (0, 9), "kd": (0, 9)})
     group = RolloutEngine(task, [0], [0])
     x = task.space.normalise({"kp": 2.0, "kd": 2.0})
-    for _ in range(20):
+    for _ in range(3):
         (segment,) = group.rollout([Proposal(x, 0)])
         assert segment.truncated
     assert len(made) == 1
@@ -228,7 +228,8 @@ def test_files_that_cannot_be_used_are_named(path, tmp_path):
 
 
 NAMED = {"observations": ["position", "speed"], "actions": {"force": [-5.0, 5.0]},
-         "cost": "tests.envs.test_fmu.quadratic", "step_size": STEP, "stop_time": STOP}  # fmt: skip
+         "cost": "tests.envs.test_fmu.quadratic", "step_size": STEP,
+         "stop_time": STEPS * STEP}  # fmt: skip
 
 
 def test_a_configuration_names_an_fmu(path):
@@ -238,7 +239,7 @@ def test_a_configuration_names_an_fmu(path):
                 **NAMED, **options}  # fmt: skip
         return factory.build_task({"task": node})
 
-    options = {"tuner": "cmaes_full", "budget": 1000, "num_envs": 2, "episodes": 1,
+    options = {"tuner": "cmaes_full", "budget": 10 * STEPS, "num_envs": 2, "episodes": 1,
                "final_episodes": 2, "quiet": True}  # fmt: skip
     found = zoac.tune(task=named(), executor="process", **options)
     assert found.parameters == tuned(lambda: fmu(path), tuner="cmaes_full").parameters

@@ -1,7 +1,6 @@
 """A MuJoCo environment goes on from a restored state to the same bits."""
 
-import subprocess
-import sys
+from pathlib import Path
 
 import gymnasium
 import mujoco  # of the extra `dev`
@@ -12,6 +11,7 @@ from gymnasium.utils import EzPickle
 from gymnasium.wrappers import TimeLimit
 
 import zoac
+from tests import commands
 from zoac.core.state import decode, encode
 from zoac.envs.gymnasium_adapter import GymnasiumVecEnv
 from zoac.envs.snapshots import is_mujoco, restored, saved, saved_by
@@ -126,12 +126,12 @@ def test_a_checkpoint_holds_it():
         assert given.tobytes() == rewards.tobytes()
 
 
-def test_tuners_of_segments_tune_it_alike_in_one_process_and_in_several():
+def test_tuners_of_segments_tune_it_alike_in_one_process_and_in_several(forked_workers):
     task = user_task(env=made, controller=pd, space=SPACE)
     assert task.restore_fault is None
     assert task.save_fault is None
     results = [
-        zoac.tune(task=task, tuner="zoac_plus", budget=2000, num_envs=2, episodes=1,
+        zoac.tune(task=task, tuner="zoac_plus", budget=800, num_envs=2, episodes=1,
                   final_episodes=2, executor=executor, quiet=True)
         for executor in ("serial", "process")
     ]  # fmt: skip
@@ -157,4 +157,4 @@ env.reset(seed=0)
 restored(env, saved(env))
 assert "mujoco" not in sys.modules
 """
-    subprocess.run([sys.executable, "-c", script], check=True)
+    commands.run("-c", script, cwd=Path(__file__).parents[2], check=True)

@@ -128,7 +128,7 @@ def test_the_first_line_and_run_json_say_what_is_minimised(capsys):
 
 
 @pytest.mark.parametrize("executor", ["serial", "process"])
-def test_tune_refuses_two_signals_in_every_executor(executor):
+def test_tune_refuses_two_signals_in_every_executor(executor, forked_workers):
     with pytest.raises(ConfigError, match=r'objective="reward"'):
         tune(executor=executor, quiet=True)
 

@@ -185,7 +185,7 @@ def test_mujoco_environments_of_gymnasium_are_restored():
 
 
 @pytest.mark.parametrize("executor", ["serial", "process"])
-def test_no_tuner_sees_a_jump_that_the_plant_cannot_make(executor, capfd):
+def test_no_tuner_sees_a_jump_that_the_plant_cannot_make(executor, capfd, forked_workers):
     jumps = []
 
     def jump(segment):
@@ -194,7 +194,7 @@ def test_no_tuner_sees_a_jump_that_the_plant_cannot_make(executor, capfd):
 
     zoac.tune(
         task=task(Rebuilt, max_episode_steps=50, constraints={"jump": jump}), tuner="zoac_plus",
-        budget=4000, num_envs=4, episodes=2, final_episodes=2, quiet=True, executor=executor,
+        budget=2000, num_envs=4, episodes=1, final_episodes=1, quiet=True, executor=executor,
     )  # fmt: skip
     assert max(jumps) < 0.31
     told = capfd.readouterr().err
@@ -237,16 +237,16 @@ class SelfTruncating(Cart):
         return observation, reward, False, self.steps >= 30, {}
 
 
-FEW = {"num_envs": 2, "budget": 1500, "episodes": 1, "final_episodes": 2}
+FEW = {"num_envs": 2, "budget": 300, "episodes": 1, "final_episodes": 2}
 
 
-@pytest.mark.parametrize("tuner", ["zoac", "zoac_plus", "bo", "random"])
+@pytest.mark.parametrize("tuner", ["zoac", "zoac_plus", "bo"])
 def test_episodes_that_the_environment_truncates_by_itself_are_measured(tuner, capsys):
     result = zoac.tune(task=task(SelfTruncating), tuner=tuner, **FEW)
     assert set(result.record["episode_lengths"]) == {30}
     told = capsys.readouterr().out
     assert "  episodes: truncated by the environment itself after 30 steps\n" in told
-    assert tuner != "bo" or "evaluations: 50" in told
+    assert tuner != "bo" or "evaluations: 10" in told
 
 
 def test_a_time_limit_is_taken_from_who_gives_it():

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from string import Template
 
 from zoac.controllers.pid import PID
 from zoac.core.errors import ConfigError, suggest
@@ -70,100 +71,86 @@ def _number(value: float) -> str:
     return repr(float(value))
 
 
-def _integral_step(pid: PID, gains: Mapping[str, float]) -> list[str]:
-    """Return the C lines between the output and the update of the integral."""
-    if pid.anti_windup == "clamping":
-        return ["    if ((v - u) * step > 0.0) step = 0.0; /* clamping */"]
-    if pid.anti_windup == "back_calculation":
-        time = float(pid.tracking_time_of(gains["Kp"], gains["Ki"], gains["Kd"]))
-        if math.isinf(time):
-            return []
-        fraction = pid.sample_time / time
-        return [f"    step = step + {_number(fraction)} * (u - v); /* back-calculation */"]
-    return []
-
-
 STATE = "typedef struct { double integral, derivative, y, r, u; int begun; } pid_state;"
 INIT, STEP = "void pid_init(pid_state *s)", "double pid_step(pid_state *s, double r, double y)"
+CODE = """\
+/* A PID controller: call pid_init once, then pid_step every PID_TS seconds. */
+#include <math.h>
+
+#define PID_TS ($ts) /* sample time [s] */
+#define PID_KP ($Kp)
+#define PID_KI ($Ki) /* [1/s] */
+#define PID_KD ($Kd) /* [s] */
+#define PID_TF ($Tf) /* filter [s] */
+#define PID_B ($b) /* weight of the set-point, proportional part */
+#define PID_C ($c) /* weight of the set-point, derivative part */
+#define PID_LOW ($low) /* smallest output */
+#define PID_HIGH ($high) /* largest output */
+#define PID_MAX_MOVE ($move) /* largest change a step */
+
+$STATE
+
+$INIT
+{
+    s->integral = s->derivative = s->y = s->r = 0.0;
+    s->u = $first;
+    s->begun = 0;
+}
+
+$STEP
+{
+    double p, v, u, step;
+    if (!s->begun) { s->y = y; s->r = r; }
+    p = PID_KP * (PID_B * r - y);
+    s->derivative = (PID_TF * s->derivative
+                     + PID_KD * (PID_C * (r - s->r) - (y - s->y)))
+                    / (PID_TF + PID_TS);
+    if ($bumpless && !s->begun) s->integral = s->u - p;
+    v = p + s->integral + s->derivative;
+    u = v;
+    if ($bumpless || s->begun) {
+        if (u > s->u + PID_MAX_MOVE) u = s->u + PID_MAX_MOVE;
+        if (u < s->u - PID_MAX_MOVE) u = s->u - PID_MAX_MOVE;
+    }
+    if (u > PID_HIGH) u = PID_HIGH;
+    if (u < PID_LOW) u = PID_LOW;
+    step = PID_KI * PID_TS * (r - y);
+$windup    s->integral = s->integral + step;
+    s->y = y; s->r = r; s->u = u; s->begun = 1;
+    return u;
+}
+"""
 
 
 def _c(pid: PID, gains: Mapping[str, float]) -> str:
     """Return a C file that other files can be linked with."""
     declarations = "\n   ".join((STATE, f"{INIT};", f"{STEP};"))
-    return f"/* Declarations for files that use it:\n   {declarations} */\n{_code(pid, gains)}"
+    code = _code(pid, gains, INIT, STEP)
+    return f"/* Declarations for files that use it:\n   {declarations} */\n{code}"
 
 
 def _header(pid: PID, gains: Mapping[str, float]) -> str:
     """Return C to be included."""
-    code = _code(pid, gains)
-    for function in (INIT, STEP):
-        code = code.replace(function, f"static {function}")
-    return code
+    return _code(pid, gains, f"static {INIT}", f"static {STEP}")
 
 
-def _code(pid: PID, gains: Mapping[str, float]) -> str:
+def _code(pid: PID, gains: Mapping[str, float], init: str, step: str) -> str:
     """Return the state struct, `pid_init` and `pid_step` in C."""
+    windup, time = "", float(pid.tracking_time_of(gains["Kp"], gains["Ki"], gains["Kd"]))
+    if pid.anti_windup == "clamping":
+        windup = "    if ((v - u) * step > 0.0) step = 0.0; /* clamping */\n"
+    elif pid.anti_windup == "back_calculation" and math.isfinite(time):
+        factor = _number(pid.sample_time / time)
+        windup = f"    step = step + {factor} * (u - v); /* back-calculation */\n"
     low, high = pid.output_limits
-    first = pid.initial_output
-    defines = {
-        "PID_TS": (pid.sample_time, "sample time [s]"),
-        "PID_KP": (gains["Kp"], ""),
-        "PID_KI": (gains["Ki"], "[1/s]"),
-        "PID_KD": (gains["Kd"], "[s]"),
-        "PID_TF": (gains["Tf"], "filter [s]"),
-        "PID_B": (pid.b, "weight of the set-point, proportional part"),
-        "PID_C": (pid.c, "weight of the set-point, derivative part"),
-        "PID_LOW": (low, "smallest output"),
-        "PID_HIGH": (high, "largest output"),
-        "PID_MAX_MOVE": (pid.rate_limit * pid.sample_time, "largest change a step"),
-    }
-    lines = [
-        f"#define {k} ({_number(v)}){f' /* {what} */' if what else ''}"
-        for k, (v, what) in defines.items()
-    ]
-    bumpless = "1" if first is not None else "0"
-    return "\n".join(
-        [
-            "/* A PID controller: call pid_init once, then pid_step every PID_TS seconds. */",
-            "#include <math.h>",
-            "",
-            *lines,
-            "",
-            STATE,
-            "",
-            INIT,
-            "{",
-            "    s->integral = s->derivative = s->y = s->r = 0.0;",
-            f"    s->u = {_number(first or 0.0)};",
-            "    s->begun = 0;",
-            "}",
-            "",
-            STEP,
-            "{",
-            "    double p, v, u, step;",
-            "    if (!s->begun) { s->y = y; s->r = r; }",
-            "    p = PID_KP * (PID_B * r - y);",
-            "    s->derivative = (PID_TF * s->derivative",
-            "                     + PID_KD * (PID_C * (r - s->r) - (y - s->y)))",
-            "                    / (PID_TF + PID_TS);",
-            f"    if ({bumpless} && !s->begun) s->integral = s->u - p;",
-            "    v = p + s->integral + s->derivative;",
-            "    u = v;",
-            f"    if ({bumpless} || s->begun) {{",
-            "        if (u > s->u + PID_MAX_MOVE) u = s->u + PID_MAX_MOVE;",
-            "        if (u < s->u - PID_MAX_MOVE) u = s->u - PID_MAX_MOVE;",
-            "    }",
-            "    if (u > PID_HIGH) u = PID_HIGH;",
-            "    if (u < PID_LOW) u = PID_LOW;",
-            "    step = PID_KI * PID_TS * (r - y);",
-            *_integral_step(pid, gains),
-            "    s->integral = s->integral + step;",
-            "    s->y = y; s->r = r; s->u = u; s->begun = 1;",
-            "    return u;",
-            "}",
-            "",
-        ]
-    )
+    move = pid.rate_limit * pid.sample_time
+    numbers = {"ts": pid.sample_time, "b": pid.b, "c": pid.c, "low": low, "high": high,
+               "move": move, "first": pid.initial_output or 0.0, **gains}  # fmt: skip
+    return Template(CODE).substitute(
+        {name: _number(value) for name, value in numbers.items()},
+        STATE=STATE, INIT=init, STEP=step, windup=windup,
+        bumpless="0" if pid.initial_output is None else "1",
+    )  # fmt: skip
 
 
 def _matlab(pid: PID, gains: Mapping[str, float]) -> str:

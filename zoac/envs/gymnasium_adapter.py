@@ -25,13 +25,12 @@ from zoac.envs.plant_numbers import Bounds, PlantNumbers
 from zoac.envs.single_env import (
     applied_action_space,
     check_reset,
-    drift_remarks,
     env_actions,
-    flattened_remarks,
     is_true,
     not_finite,
     own_time_limit,
     parts_of,
+    remarks,
 )
 from zoac.envs.snapshots import restored, saved, saved_by
 from zoac.specs.signals import INFO, INFO_BEFORE
@@ -92,7 +91,7 @@ class GymnasiumVecEnv(VecEnv):
         limit = min((steps for steps in limits if steps is not None), default=None)
         super().__init__(len(envs), observations, actions, limit or MAX_EPISODE_STEPS)
         self.limited = limit is not None
-        self.remarks = (*drift_remarks(first), *flattened_remarks(first))
+        self.remarks = tuple(remarks(first))
         self.saved_by = saved_by(first)
         self._envs = list(envs)
         self._taken = applied_action_space(first)

@@ -108,17 +108,13 @@ def takes(function: Callable[..., Any], *arguments: Any, **options: Any) -> bool
     return True
 
 
-def flattened_remarks(env: gymnasium.Env) -> Iterator[str]:
-    """Yield a remark for each space whose numbers are put in a row."""
+def remarks(env: gymnasium.Env) -> Iterator[str]:
+    """Yield a remark for each space that is put in a row, and wrapper with running statistics."""
     spaces = (("observations", env.observation_space), ("actions", env.action_space))
     for what, space in spaces:
         if isinstance(space, Box) and len(space.shape) > 1:
             size = int(np.prod(space.shape))
             yield f"{what} of shape {space.shape} are {size} numbers to the controller, row by row"
-
-
-def drift_remarks(env: gymnasium.Env) -> Iterator[str]:
-    """Yield a warning for each wrapper that scales by running statistics."""
     while isinstance(env, gymnasium.Wrapper):
         if isinstance(env, NormalizeReward | NormalizeObservation) and env.update_running_mean:
             what = "costs" if isinstance(env, NormalizeReward) else "observations"

@@ -2,9 +2,9 @@
 
 import copy
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import gymnasium
@@ -27,41 +27,17 @@ class OwnState:
     wrappers: list[dict[str, Any]]
 
 
-class _Methods(NamedTuple):
-    """What saves and restores an innermost environment, and what messages call it.
-
-    A state that `get` returned is changed neither by later steps nor by `set`.
-    """
-
-    get: Callable[[Any], Any]
-    set: Callable[[Any, Any], None]
-    name: str
-
-
 def saved_by(env: gymnasium.Env) -> str:
     """Return what saves an environment's state, for messages; empty: deepcopy."""
-    methods = _methods(env.unwrapped)
-    return "" if methods is None else methods.name
-
-
-def _methods(inner: Any) -> _Methods | None:
-    """Return its own `get_state()` and `set_state(state)`, else MuJoCo's; None: neither."""
+    inner = env.unwrapped
     get, set_ = (getattr(inner, name, None) for name in ("get_state", "set_state"))
     # The `set_state` of Gymnasium's MuJoCo environments takes qpos and qvel.
     if callable(get) and callable(set_) and takes(set_, None):
-        return _OWN
-    return _MUJOCO if is_mujoco(inner) else None
+        return OWN
+    return "mj_getState()" if is_mujoco(inner) else ""
 
 
-def _get_own(inner: Any) -> tuple[Any, dict[str, Any]]:
-    generator = {name: vars(inner).get(name) for name in ("_np_random", "_np_random_seed")}
-    return copy.deepcopy((inner.get_state(), generator))
-
-
-def _set_own(inner: Any, state: tuple[Any, dict[str, Any]]) -> None:
-    own, generator = copy.deepcopy(state)
-    inner.set_state(own)
-    vars(inner).update(generator)
+OWN = "get_state()"
 
 
 @dataclass(frozen=True)
@@ -140,17 +116,18 @@ def _is_plain(value: Any) -> bool:
     return isinstance(value, kinds)
 
 
-_OWN = _Methods(_get_own, _set_own, "get_state()")
-_MUJOCO = _Methods(_get_mujoco, _set_mujoco, "mj_getState()")
-
-
 def saved(env: gymnasium.Env) -> Any:
     """Return the state of an environment and its wrappers; later steps do not change it."""
-    inner = env.unwrapped
-    if (methods := _methods(inner)) is None:
+    inner: Any = env.unwrapped
+    if not (how := saved_by(env)):
         return copy.deepcopy(env)
+    if how == OWN:
+        generator = {name: vars(inner).get(name) for name in ("_np_random", "_np_random_seed")}
+        state: Any = copy.deepcopy((inner.get_state(), generator))
+    else:
+        state = _get_mujoco(inner)
     layers = [{k: v for k, v in vars(layer).items() if k != "env"} for layer in _wrappers(env)]
-    return OwnState(methods.get(inner), _copied(layers, inner))
+    return OwnState(state, _copied(layers, inner))
 
 
 def restored(env: gymnasium.Env, state: Any) -> gymnasium.Env:
@@ -158,16 +135,18 @@ def restored(env: gymnasium.Env, state: Any) -> gymnasium.Env:
 
     Args:
         env: An environment like the one that was saved.
-        state: What `saved` returned.
+        state: What `saved` returned, which `env` does not change later.
     """
     if not isinstance(state, OwnState):
         return copy.deepcopy(state)
-    inner = env.unwrapped
-    methods = _methods(inner)
-    assert methods is not None
-    methods.set(inner, state.state)
-    layers = _copied(state.wrappers, inner)
-    for layer, attributes in zip(_wrappers(env), layers, strict=True):
+    inner: Any = env.unwrapped
+    if isinstance(state.state, MujocoState):
+        _set_mujoco(inner, state.state)
+    else:
+        own, generator = copy.deepcopy(state.state)
+        inner.set_state(own)
+        vars(inner).update(generator)
+    for layer, attributes in zip(_wrappers(env), _copied(state.wrappers, inner), strict=True):
         vars(layer).update(attributes)
     return env
 

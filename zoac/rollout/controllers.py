@@ -29,7 +29,7 @@ class Controllers:
         action_shape: tuple[int, ...],
         parameters: Mapping[str, np.ndarray],
         place: Callable[[int], str],
-        priced: Callable[[ZoacError, str], str],
+        priced: Callable[[ZoacError], str],
     ) -> None:
         """
         Args:
@@ -91,7 +91,7 @@ class Controllers:
             except ControllerError as error:
                 raised, told = error.__cause__ is not None, str(error)
                 if not raised or len(rows) == 1:
-                    told = self._priced(error, told)
+                    told = self._priced(error)
                 if len(rows) == 1:
                     failures[int(rows[0])] = told
                     return np.zeros((1, *self._action_shape)), _taken(self._memory, rows), {}

@@ -102,7 +102,7 @@ class RolloutEngine:
         running: dict[int, _Running] = {}
         last_rows = np.full(self.n, -1, dtype=np.int64)  # of segments with a horizon
         active = np.zeros(self.n, dtype=bool)
-        record = Recording(self.n, self._observations.shape[1:], self._action_shape)
+        record, diagnosed = Recording(), Recording()
         segments: list[Segment | None] = [None] * len(proposals)
 
         def begin(env_index: int) -> None:
@@ -118,21 +118,25 @@ class RolloutEngine:
         for env_index in range(self.n):
             begin(env_index)
         while running:
-            before = self._observations
-            actions, commands, costs, terminated, truncated, diagnostics = self._advance(active)
-            record.append(before, actions, commands, costs, diagnostics)
+            row, diagnostics, terminated, truncated = self._advance(active)
+            record.append(row)
+            diagnosed.append(diagnostics)
             self._steps += active
             over = (terminated | truncated | (last_rows == record.rows)) & active
             for env_index in over.nonzero()[0].tolist():
                 run = running.pop(env_index)
                 ended, cut = bool(terminated[env_index]), bool(truncated[env_index])
+                arrays: dict[str, Any] = record.cut(run.first_row, env_index)
+                seen = (arrays.pop("observations"), self._observations[None, env_index])
                 segment = Segment(
                     proposal=proposals[run.index],
                     terminated=ended,
                     truncated=cut,
                     starts_episode=run.starts_episode,
                     failure=self._failures.get(env_index),
-                    **record.cut(run.first_row, env_index, self._observations[env_index]),
+                    diagnostics=diagnosed.cut(run.first_row, env_index),
+                    observations=np.concatenate(seen, dtype=np.float64),
+                    **{name: v.astype(np.float64, copy=False) for name, v in arrays.items()},
                 )
                 segments[run.index] = self._judge.judged(segment)
                 if ended or cut:
@@ -147,8 +151,8 @@ class RolloutEngine:
         """Let controllers act and environments step where `active` (n,) holds; price failures.
 
         Returns:
-            Actions and commands (n, m), costs, terminated and truncated (n,), and the controllers'
-            diagnostics.
+            Observations (n, o) before, actions and commands (n, m) and costs (n,), by name; the
+            controllers' diagnostics; terminated and truncated (n,).
         """
         self._failures, self._not_begun = self._not_begun, {}
         moves = active
@@ -171,30 +175,24 @@ class RolloutEngine:
         for env_index, failure in failures.items():
             self._begin_anew(env_index)
             if env_index not in self._failures:
-                self._failures[env_index] = self._priced_here(failure, env_index)
+                self._failures[env_index] = self._priced(failure, env_index)
         if self._failures:
             failed = np.isin(np.arange(self.n), list(self._failures))
             terminated, truncated = terminated | failed, truncated & ~failed
             costs = np.where(failed, self._penalty, costs)
-        diagnostics = {**diagnostics, **infos.get("measured", {})}
-        return infos.get("actions", commands), commands, costs, terminated, truncated, diagnostics
+        applied = infos.get("actions", commands)
+        row = {"observations": before, "actions": applied, "commands": commands, "costs": costs}
+        return row, {**diagnostics, **infos.get("measured", {})}, terminated, truncated
 
-    def _priced(self, failure: ZoacError, told: str) -> str:
-        """Return what is told of a failure, if the task prices failures; else raise it.
-
-        Raises:
-            ControllerError: If the controller failed and there is no penalty.
-            EnvironmentFailure: If the environment did.
-        """
+    def _priced(self, failure: ZoacError, env_index: int | None = None) -> str:
+        """Return what is told of a failure, with a place if given; without a price raise it."""
+        told = str(failure) if env_index is None else f"{failure}. {self._place(env_index)}"
         if self._penalty is not None:
             return told
         raise type(failure)(
             f"{told}. With failure_penalty=<cost>, such a step ends its episode at that cost "
             "instead of the run"
         ) from failure.__cause__
-
-    def _priced_here(self, failure: ZoacError, env_index: int) -> str:
-        return self._priced(failure, f"{failure}. {self._place(env_index)}")
 
     def _stand(self, env_index: int, index: int, proposal: Proposal, row: int) -> _Running:
         """Bring an environment to where `proposal` starts."""
@@ -223,7 +221,7 @@ class RolloutEngine:
         self._steps[env_index] = 0
         observations, infos = self._env.reset(seed=seeds, options={"reset_mask": mask})
         if (failure := infos.get("failures", {}).get(env_index)) is not None:
-            self._not_begun[env_index] = self._priced_here(failure, env_index)
+            self._not_begun[env_index] = self._priced(failure, env_index)
             self._begin_anew(env_index)
         self._observations = self._observations.copy()
         self._observations[env_index] = observations[env_index]

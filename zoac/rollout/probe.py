@@ -148,6 +148,7 @@ def controller_fault(task: Task, pickled: bool = False) -> str | None:
         except Exception as error:  # whatever a user's controller raises
             return [as_text(error)]
 
+    remedy = "get_state() and set_state(state) tell what of it lasts"
     shown(memory, 0, STEPS // 2)
     try:
         states = [one.state() for one in stateful_in(memory)]
@@ -158,16 +159,10 @@ def controller_fault(task: Task, pickled: bool = False) -> str | None:
         for one, state in zip(stateful_in(other), states, strict=True):
             one.restore(state)
     except Exception as error:  # whatever a user's controller raises when it is copied
-        return (
-            f"saving the controller raised {as_text(error)}; get_state() and "
-            "set_state(state) tell what of it lasts"
-        )
+        return f"saving the controller raised {as_text(error)}; {remedy}"
     if shown(other, STEPS // 2, STEPS) == expected:
         return None
-    return (
-        "the controller, restored to an earlier state, goes on otherwise; get_state() and "
-        "set_state(state) tell what of it lasts"
-    )
+    return f"the controller, restored to an earlier state, goes on otherwise; {remedy}"
 
 
 def _stand_in_mid_episode(env: VecEnv, actions: np.ndarray) -> None:

@@ -1,5 +1,7 @@
 """`executor=auto`: where it goes, and that nobody can tell from the numbers."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from zoac.rollout.executors import auto as automatic
 from zoac.rollout.executors.auto import Auto
 from zoac.rollout.executors.base import Serial
 
-STATE = {"offset": 0.0}
+STATE = {"process": 0}
 
 
 @pytest.fixture
@@ -24,18 +26,18 @@ def eager(monkeypatch):
 
 @pytest.fixture
 def patient(monkeypatch):
-    """Have `Auto` wait for its workers wherever it looks for them."""
-    look = Auto._workers_are_there
+    """Have `Auto` wait for its workers as soon as they start."""
+    start = Auto._start_workers
 
-    def wait_and_look(self):
-        self._wait_for_thread()
-        return look(self)
+    def start_and_wait(self):
+        start(self)
+        self._wait_for_workers()
 
-    monkeypatch.setattr(Auto, "_workers_are_there", wait_and_look)
+    monkeypatch.setattr(Auto, "_start_workers", start_and_wait)
 
 
 @pytest.fixture
-def auto(patient):
+def auto(patient, forked_workers):
     executor = Auto(workers=2)
     executor.said = []
     executor.tell = executor.said.append
@@ -66,17 +68,17 @@ def same_as_serial(executor, task):
     return all(support.same_segment(one, other) for one, other in pairs)
 
 
-def test_workers_take_over_and_the_numbers_are_those_of_this_process(auto, eager):
-    assert same_as_serial(auto, support.CountingTask())
-    assert len(auto.said) == 1
-    assert "worker processes take over" in auto.said[0]
-    assert len(auto._processes._workers) == 2
-
-
-def test_workers_that_are_no_faster_hand_back(auto, eager, monkeypatch):
+def test_workers_take_over_and_hand_back_and_the_numbers_are_those_of_this_process(
+    auto, eager, monkeypatch
+):
+    monkeypatch.setattr(automatic, "SLOW", 1e-4)
     monkeypatch.setattr(automatic, "GAIN", 0.0)
-    assert same_as_serial(auto, support.CountingTask())
-    assert auto.said[-1].endswith("are no faster: all runs in one process")
+    monkeypatch.setattr(support.SlowTask, "seconds", 0.001)
+    assert same_as_serial(auto, support.SlowTask())
+    first, last = auto.said
+    assert "worker processes take over" in first
+    assert len(auto._processes._workers) == 2
+    assert last.endswith("are no faster: all runs in one process")
 
 
 def test_fast_steps_stay_in_this_process(auto, monkeypatch):
@@ -87,32 +89,26 @@ def test_fast_steps_stay_in_this_process(auto, monkeypatch):
     assert "too short for workers" in auto.said[0]
 
 
-def test_slow_steps_leave_this_process(auto, monkeypatch):
-    monkeypatch.setattr(automatic, "PATIENCE", 0.0)
-    monkeypatch.setattr(support.SlowTask, "seconds", 0.002)
-    rolled_out(auto, support.SlowTask(), rounds=1)
-    assert "worker processes take over" in auto.said[0]
-
-
 def test_nothing_is_started_before_it_can_pay(auto, monkeypatch):
     monkeypatch.setattr(automatic, "PATIENCE", 100.0)
-    rolled_out(auto, support.SlowTask(), rounds=1)
+    monkeypatch.setattr(automatic, "SLOW", 0.0)
+    rolled_out(auto, support.CountingTask(), rounds=1)
     assert (auto.said, auto._starting) == ([], None)
 
 
 @pytest.mark.parametrize("cores", ["1", ""])
-def test_a_job_keeps_to_its_cores(eager, cores, monkeypatch):
+def test_a_job_keeps_to_its_cores(eager, forked_workers, cores, monkeypatch):
     monkeypatch.setenv("ZOAC_CORES", cores)
     auto = Auto()
     rolled_out(auto, support.CountingTask())
-    assert (auto._starting is None) == (cores == "1")
+    assert bool(auto._processes._workers) == (cores == "")
     auto.close()
 
 
 class _SteeredController(support.EchoController):
     def act(self, params, obs, memory):
         actions, memory, diagnostics = super().act(params, obs, memory)
-        return actions + STATE["offset"], memory, diagnostics
+        return actions + (STATE["process"] == os.getpid()), memory, diagnostics
 
 
 class SteeredTask(support.CountingTask):
@@ -123,7 +119,7 @@ class SteeredTask(support.CountingTask):
 
 
 def test_a_task_that_something_outside_steers_stays(auto, eager, monkeypatch):
-    monkeypatch.setitem(STATE, "offset", 1.0)
+    monkeypatch.setitem(STATE, "process", os.getpid())
     assert same_as_serial(auto, SteeredTask())
     assert "workers give other numbers" in auto.said[0]
 
@@ -143,11 +139,12 @@ def test_a_task_that_cannot_be_sent_stays(auto, eager):
 def test_environments_that_cannot_be_saved_go_before_they_move_or_stay(auto, eager):
     assert same_as_serial(auto, support.LockedTask())
     assert "take over" in auto.said[0]
-    auto.said.clear()
-    auto.start(support.LockedTask(), 3, seed=0)
+    other = Auto(workers=2)
+    other.tell = auto.said.append
+    other.start(support.LockedTask(), 3, seed=0)
     for _ in range(2):
-        auto.rollout(plan())
-    assert "cannot be moved" in auto.said[0]
+        other.rollout(plan())
+    assert "cannot be moved" in auto.said[1]
 
 
 def test_an_error_of_the_rollout_in_which_workers_take_over_is_an_error(auto, eager):
@@ -157,9 +154,8 @@ def test_an_error_of_the_rollout_in_which_workers_take_over_is_an_error(auto, ea
         auto.rollout(plan())
 
 
-@pytest.mark.parametrize("task", ["pid_acc", "mpc_tracking", "pendulum"])
 def test_a_run_ends_with_the_same_numbers_stopped_before_and_after_the_move(
-    task, eager, patient, stopping, tmp_path, monkeypatch, capsys
+    eager, patient, forked_workers, stopping, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.setenv("ZOAC_CORES", "2")
 
@@ -167,8 +163,9 @@ def test_a_run_ends_with_the_same_numbers_stopped_before_and_after_the_move(
         stopping(stop)
         monkeypatch.setattr(automatic, "PATIENCE", 0.0 if moves else np.inf)
         return zoac.tune(
-            task=zoac.make_task(task, max_episode_steps=20), budget=800, num_envs=4, episodes=2,
-            final_episodes=2, executor=executor, folder=tmp_path / executor, tuner="zoac_plus",
+            task=zoac.make_task("pendulum", max_episode_steps=20), budget=480, num_envs=4,
+            episodes=1, final_episodes=2, executor=executor, folder=tmp_path / executor,
+            tuner="zoac_plus",
             tuner_options={"exploration": {"segment_length": 5, "segments": 4}},
         )  # fmt: skip
 
@@ -178,6 +175,9 @@ def test_a_run_ends_with_the_same_numbers_stopped_before_and_after_the_move(
             tune("auto", stop=2, moves=moves)
         assert ("worker processes take over" in capsys.readouterr().out) == moves
     result = tune("auto")
+    told = capsys.readouterr().out
+    assert "worker processes take over" in told
+    assert "no faster" not in told
     assert result.record["x"] == expected.record["x"]
     assert result.cost_per_episode == expected.cost_per_episode
     assert result.history["step_cost_mean"].equals(expected.history["step_cost_mean"])

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from tests import support
+from tests import commands, support
 from zoac.core.errors import ControllerError, UnsavableError, WorkerError
 from zoac.rollout.executors.base import Serial
 from zoac.rollout.executors.process import Process
 
 
 @pytest.fixture
-def processes():
+def processes(forked_workers):
     executor = Process(workers=2)
     yield executor
     executor.close()
@@ -108,43 +108,36 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason=
 
 
 @needs_proc
-def test_where_one_worker_cannot_start_none_is_left(processes, tmp_path, monkeypatch):
+def test_where_one_worker_cannot_start_none_is_left(tmp_path, monkeypatch):
     monkeypatch.setenv("MARK", str(tmp_path))
     with pytest.raises(ConnectionError, match="second bench"):
-        processes.start(support.SmallGroupTask(), 3, seed=0)
+        Process(workers=2).start(support.SmallGroupTask(), 3, seed=0)
     assert support.end_within(5.0, str(tmp_path))
 
 
 PARENT = """
-import sys, threading
+import sys
 from pathlib import Path
 from tests import support
 from zoac.rollout.executors.process import Process
 
-executor, how, sign = Process(workers=2), sys.argv[1], Path(sys.argv[2])
-if how == "idle":
-    executor.start(support.CountingTask(), 2, seed=0)
-    sign.touch()
-    threading.Event().wait()
-executor.start(support.StuckTask(sign, how == "holding the interpreter"), 2, seed=0)
-executor.rollout([support.proposal(environment) for environment in (0, 1)])
+idle, holding = Process(workers=2), Process(workers=2)
+idle.start(support.CountingTask(), 2, seed=0)
+holding.start(support.StuckTask(Path(sys.argv[1]), holds_interpreter=True), 2, seed=0)
+holding.rollout([support.proposal(environment) for environment in (0, 1)])
 """
 
 
 @needs_proc
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-@pytest.mark.parametrize("how", ["idle", "stuck", "holding the interpreter"])
-def test_workers_end_with_their_parent_whatever_they_are_at(how, number, tmp_path):
-    parent = subprocess.Popen(
-        [sys.executable, "-c", PARENT, how, str(tmp_path / "sign")],
-        env={**os.environ, "MARK": str(tmp_path)}, cwd=Path(__file__).parents[3],
-    )  # fmt: skip
+def test_workers_end_with_their_parent_whatever_they_are_at(tmp_path):
+    mark = {**os.environ, "MARK": str(tmp_path)}
+    root = Path(__file__).parents[3]
+    parent = commands.Started("-c", PARENT, tmp_path / "sign", cwd=root, env=mark)
     while not (tmp_path / "sign").exists():
         assert parent.poll() is None
         time.sleep(0.01)
-    assert len(support.marked(str(tmp_path))) >= 3
-    parent.send_signal(number)
-    parent.wait()
+    assert len(support.marked(str(tmp_path))) >= 8  # four workers, each with a watcher
+    parent.send_signal(signal.SIGKILL)
     assert support.end_within(3.0, str(tmp_path))
 
 
@@ -160,17 +153,18 @@ def act(params, obs):
     return -params["k"] * obs[0]
 
 def tuned(seed):
-    result = zoac.tune(env=Own, controller=act, space={"k": (0.0, 1.0)}, tuner="random", budget=40,
-                       num_envs=2, max_episode_steps=5, quiet=True, executor="process", seed=seed)
+    result = zoac.tune(env=Own, controller=act, space={"k": (0.0, 1.0)}, tuner="random", budget=10,
+                       num_envs=2, episodes=1, final_episodes=1, max_episode_steps=5, quiet=True,
+                       executor="process", seed=seed)
     return result.cost_mean
 """
 
 USES = {
-    "at the top of the script": "print([tuned(0), tuned(1)])",
+    "at the top of the script": "print([tuned(0)])",
     "in processes that are spawned": """
 if __name__ == "__main__":
-    with multiprocessing.get_context("spawn").Pool(2) as pool:
-        print(pool.map(tuned, range(2)))
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        print(pool.map(tuned, [0]))
 """,
 }
 

@@ -3,15 +3,20 @@
 import ctypes
 import threading
 import time
+from contextlib import closing
 
 import gymnasium
 import numpy as np
-import pandas as pd
 import pytest
 from gymnasium.spaces import Box
 
 import zoac
+from tests.support import same_segment
 from zoac.core.errors import ConfigError, EnvironmentFailure
+from zoac.core.segments import Proposal
+from zoac.rollout.executors.base import Serial
+from zoac.rollout.executors.process import Process
+from zoac.tasks.user_task import user_task
 
 
 class Slow(gymnasium.Env):
@@ -55,44 +60,64 @@ def p(parameters, seen):
     return -parameters["k"] * seen
 
 
+SPACE = {"k": (0.0, 3.0)}
+
+
 def tuned(env, **options):
-    given = {"tuner": "zoac_plus", "executor": "process", "step_timeout": 2.0, "num_envs": 4,
-             "failure_penalty": 50.0, "budget": 400, "episodes": 4, "final_episodes": 4,
+    given = {"tuner": "random", "executor": "process", "step_timeout": 0.5, "num_envs": 2,
+             "failure_penalty": 50.0, "budget": 60, "episodes": 1, "final_episodes": 1,
              "quiet": True, **options}  # fmt: skip
-    return zoac.tune(env=env, controller=p, space={"k": (0.0, 3.0)}, **given)
+    return zoac.tune(env=env, controller=p, space=SPACE, **given)
+
+
+PLAN = [
+    Proposal(np.array([x]), env_index, **kind)
+    for x, kind in ((0.5, {"horizon": 8}), (0.7, {"horizon": 8, "restore": True}), (0.2, {}))
+    for env_index in (0, 1, 2)
+]
+
+
+def rolled_out(executor, env):
+    """Return the segments of two rollouts."""
+    task = user_task(env=env, controller=p, space=SPACE)
+    task.failure_penalty = 50.0
+    task.step_timeout = 0.5 if executor.ends_steps else None
+    executor.start(task, 3, seed=19)
+    with closing(executor):
+        return executor.rollout(PLAN) + executor.rollout(PLAN)
 
 
 @pytest.mark.parametrize("env", [InPython, InLibrary])
-def test_a_run_is_the_same_as_with_steps_that_raise(env):
-    expected = tuned(Slow, step_timeout=None, executor="serial")
-    found = tuned(env)
-    assert expected.record["failures"] > 1
-    assert found.record["failures"] == expected.record["failures"]
-    assert found.parameters == expected.parameters
-    assert found.cost_per_episode == expected.cost_per_episode
-    pd.testing.assert_series_equal(found.history["cost_mean"], expected.history["cost_mean"])
-    assert "step did not return within step_timeout=2 s" in found.record["first_failure"]
+def test_segments_are_those_of_steps_that_raise(env, forked_workers):
+    expected = rolled_out(Serial(), Slow)
+    found = rolled_out(Process(workers=2), env)
+    failed = [bool(segment.failure) for segment in expected]
+    assert np.flatnonzero(failed).tolist() == [4, 10, 16]  # two in one request
+    for one, other in zip(found, expected, strict=True):
+        assert same_segment(one, other)
+        assert bool(one.failure) == bool(other.failure)
+        assert not one.failure or "step did not return within step_timeout=0.5 s" in one.failure
 
 
-def test_environments_that_cannot_be_saved_begin_new_episodes():
-    found = tuned(Unsavable, tuner="random", budget=120, step_timeout=1.0)
-    assert found.env_steps >= 120
+def test_environments_that_cannot_be_saved_begin_new_episodes(forked_workers):
+    found = tuned(Unsavable)
+    assert found.env_steps >= 60
     assert found.record["failures"] > 0
     assert "did not return" in found.record["first_failure"]
 
 
-def test_without_a_price_the_run_ends():
+def test_without_a_price_the_run_ends(forked_workers):
     with pytest.raises(EnvironmentFailure, match=r"did not return.*With failure_penalty=<cost>"):
         tuned(InPython, failure_penalty=None)
 
 
 @pytest.mark.parametrize("executor", ["serial", "auto"])
 def test_executors_that_cannot_refuse_it(executor):
-    with pytest.raises(ConfigError, match=rf"step_timeout=2: executor={executor} cannot end"):
+    with pytest.raises(ConfigError, match=rf"step_timeout=0.5: executor={executor} cannot end"):
         tuned(InPython, executor=executor)
 
 
-def test_environments_that_step_all_at_once_refuse_it():
+def test_environments_that_step_all_at_once_refuse_it(forked_workers):
     with pytest.raises(ConfigError, match="PidAccVecEnv are stepped all at once"):
         zoac.tune(task="pid_acc", tuner="random", executor="process", step_timeout=1.0,
                   budget=100, quiet=True)  # fmt: skip

@@ -14,7 +14,6 @@ from tests.rollout.test_probe import Rebuilt
 from zoac.core.segments import Proposal
 from zoac.rollout.engine import RolloutEngine
 from zoac.runs import checkpoint
-from zoac.runs.training.trainer import Trainer
 from zoac.tasks.user_task import user_task
 
 
@@ -81,19 +80,12 @@ class LockedLate(Locked):
         return observation, reward, False, False, info
 
 
-def stopped(folder, env, monkeypatch, **options):
+def stopped(stopping, folder, env, **options):
     """Tune, and stop after the second iteration as by Ctrl-C."""
-    original = Trainer.__init__
-
-    def init(self, *arguments, **options):
-        original(self, *arguments, **options)
-        calls = iter(range(1000))
-        self._stop_requested = lambda: next(calls) == 1
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Trainer, "__init__", init)
-        with pytest.raises(KeyboardInterrupt):
-            tune(folder, env, **options)
+    stopping(1)
+    with pytest.raises(KeyboardInterrupt):
+        tune(folder, env, **options)
+    stopping(None)
 
 
 class UnpicklableLate(LockedLate):
@@ -118,8 +110,10 @@ LATE = {"max_episode_steps": 200, "budget": 800}
         (LockedLate, {**LATE, "executor": "process"}),
     ],
 )
-def test_it_is_said_once_and_counted_in_the_result(tmp_path, monkeypatch, capsys, env, options):
-    stopped(tmp_path / "run", env, monkeypatch, **options)
+def test_it_is_said_once_and_counted_in_the_result(
+    tmp_path, stopping, forked_workers, capsys, env, options
+):
+    stopped(stopping, tmp_path / "run", env, **options)
     assert capsys.readouterr().err.count("cannot be saved") == 1
     state, _ = checkpoint.load(tmp_path / "run" / "checkpoint")
     assert state["num_envs"] is None
@@ -143,8 +137,8 @@ def test_an_environment_that_cannot_be_copied_any_more_is_tuned_on(tmp_path, cap
 
 
 @pytest.mark.parametrize("env", [Drift, local_env])
-def test_one_that_can_be_saved_is_not_restarted(tmp_path, monkeypatch, capsys, env):
-    stopped(tmp_path / "run", env, monkeypatch)
+def test_one_that_can_be_saved_is_not_restarted(tmp_path, stopping, capsys, env):
+    stopped(stopping, tmp_path / "run", env)
     assert "cannot be saved" not in capsys.readouterr().err
     tune(tmp_path / "run", env)
     assert json.loads((tmp_path / "run" / "result.json").read_text())["env_restarts"] == 0

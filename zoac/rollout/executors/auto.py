@@ -8,8 +8,8 @@ Environments come back if workers turn out to be no faster. Numbers depend on no
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
-from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,9 @@ GAIN = 0.9
 class Auto(Executor):
     """Environments in this process, or in worker processes once that pays."""
 
+    _starting: Future[None] | None = None
+    """The start of workers that have not taken over."""
+
     def __init__(self, *, workers: Count | None = None) -> None:
         """
         Args:
@@ -46,69 +49,69 @@ class Auto(Executor):
         """
         self._most = workers
         self._serial, self._processes = Serial(), Process(workers=workers)
-        self._starting: Thread | None = None
 
     def start(self, task: Task, num_envs: int, seed: int) -> None:
         self._made_of = (task, num_envs, seed)
         self._current: Executor = self._serial
         self._settled = min(num_envs, self._most or usable_cores()) == 1
         self._untouched = True  # no environment has moved yet
-        self._starting = None
-        self._fault: Exception | None = None  # of a worker that could not be started
-        self._calls, self._spent, self._step_seconds = 0, 0.0, 0.0
-        self._trial_seconds = self._trial_here = 0.0
+        self._calls, self._spent = 0, 0.0
+        self._seconds = defaultdict[Executor, float](float)
+        self._steps = Counter[Executor]()
         self._serial.start(task, num_envs, seed)
 
     def run(
         self, method: Method, proposals: Sequence[Proposal], background_update: Callable[[], None]
     ) -> list[Segment]:
-        if self._settled or (self._current is self._processes and method == "evaluate"):
+        here = self._current is self._serial
+        if self._settled or not (here or method == "rollout"):
             return self._current.run(method, proposals, background_update)
-        if self._current is self._processes:
-            return self._rollout_on_trial(proposals, background_update)
-        if method == "evaluate":
-            return self._run(method, proposals)
+        if not here or method == "evaluate":
+            return self._measured(method, proposals)
         if self._untouched and self._is_slow() and not self._is_movable():
             self._start_workers()
-            self._wait_for_thread()
+            self._wait_for_workers()
         segments: dict[int, Segment] = {}
         for batch in _batches(proposals):
             asked = [proposals[i] for i in batch]
-            segments.update(zip(batch, self._run(method, asked), strict=True))
+            there = self._starting is not None and self._starting.done()
+            found = self._in_both(asked) if there else self._measured(method, asked)
+            segments.update(zip(batch, found, strict=True))
+            self._untouched = False
         return [segments[i] for i in range(len(proposals))]
 
-    def _run(self, method: Method, proposals: Sequence[Proposal]) -> list[Segment]:
+    def _measured(self, method: Method, proposals: Sequence[Proposal]) -> list[Segment]:
         """Run proposals where environments are, and see whether they should be elsewhere."""
-        if self._current is self._serial and not self._settled and self._workers_are_there():
-            return self._take_over(method, proposals)
-        begun = time.perf_counter()
-        segments = self._current.run(method, proposals, nothing)
-        self._untouched &= method == "evaluate"
-        if self._current is self._serial and not self._settled:
-            self._judge(time.perf_counter() - begun, segments)
-        return segments
-
-    def _judge(self, seconds: float, segments: Sequence[Segment]) -> None:
-        """Begin to start workers, or settle for this process, once enough is known."""
-        if self._starting is not None:  # workers that start take time from this process
-            return
+        begun, current = time.perf_counter(), self._current
+        segments = current.run(method, proposals, nothing)
+        seconds = time.perf_counter() - begun
+        if self._settled or self._starting is not None:  # workers that start take time from others
+            return segments
         self._calls += 1
         self._spent += seconds
-        if self._calls <= 2:  # the first call, which may have compiled something, is left out
-            self._seconds, self._steps = 0.0, 0
-        self._seconds += seconds
-        self._steps += _steps(segments)
-        self._step_seconds = self._seconds / self._steps
-        if self._calls > 1 and self._spent > PATIENCE:
+        if self._calls == 2:  # the first call, which may have compiled something, is left out
+            self._seconds[current] = self._steps[current] = 0
+        self._seconds[current] += seconds
+        self._steps[current] += sum(segment.length for segment in segments)
+        if current is self._processes:
+            self._judge_workers()
+        elif self._calls > 1 and self._spent > PATIENCE:
             if not self._is_slow():
-                self._stay(f"a step takes {1e3 * self._step_seconds:.2g} ms, too short for workers")
+                self._stay(f"{self._pace()}, too short for workers")
             elif self._untouched or self._is_movable():
                 self._start_workers()
             else:
                 self._stay("the environment or controller cannot be moved")
+        return segments
+
+    def _step_seconds(self, executor: Executor) -> float:
+        return self._seconds[executor] / self._steps[executor]
+
+    def _pace(self) -> str:
+        return f"a step takes {1e3 * self._step_seconds(self._serial):.2g} ms"
 
     def _is_slow(self) -> bool:
-        return self._spent > PATIENCE and self._step_seconds >= SLOW
+        return self._spent > PATIENCE and self._step_seconds(self._serial) >= SLOW
 
     def _is_movable(self) -> bool:
         """Tell whether environments can leave this process after they have moved."""
@@ -116,86 +119,50 @@ class Auto(Executor):
         return task.save_fault is None
 
     def _start_workers(self) -> None:
-        if self._starting is None:
-            try:
-                self._processes.launch(*self._made_of)
-            except WorkerError as error:
-                self._stay(str(error))
-                return
-            self._starting = Thread(target=self._wait_for_workers, daemon=True)
-            self._starting.start()
-
-    def _wait_for_thread(self) -> None:
-        if self._starting is not None:
-            self._starting.join()
+        try:
+            self._processes.launch(*self._made_of)
+        except WorkerError as error:
+            self._stay(str(error))
+        else:
+            self._starting = ThreadPoolExecutor(1).submit(self._processes.wait)
 
     def _wait_for_workers(self) -> None:
-        try:
-            self._processes.wait()
-        except Exception as error:  # by the task's pickle, or whatever makes its environment
-            self._fault = error
+        wait([] if self._starting is None else [self._starting])
 
-    def _workers_are_there(self) -> bool:
-        """Tell whether all workers have started; settle for this process if one could not."""
-        if self._starting is None or self._starting.is_alive():
-            return False
-        if self._fault is not None:
-            self._stay(f"no worker can be started ({type(self._fault).__name__}: {self._fault})")
-        return self._fault is None
-
-    def _take_over(self, method: Method, proposals: Sequence[Proposal]) -> list[Segment]:
+    def _in_both(self, proposals: Sequence[Proposal]) -> list[Segment]:
         """Run proposals here and in the workers, which take over if they give the same bits."""
-        checked = proposals if method == "rollout" else proposals[:1]
-        begun = False
-        here: list[Segment] = []
-
-        def run_here() -> None:
-            nonlocal begun
-            begun = True
-            here.extend(self._serial.run(method, checked, nothing))
-
+        assert self._starting is not None
+        starting, self._starting = self._starting, None
+        told, there = "no worker can be started", list[Segment]()
         try:
+            starting.result()
+            told = "workers cannot take over"
             if not self._untouched:
                 self._processes.restore(self._serial.state())
-            there = self._processes.run(method, proposals, run_here)
-        except Exception as error:
-            if begun and not here:  # the rollout itself failed
-                raise
-            fault = as_text(error)
+            there = self._processes.rollout(proposals)
+        except Exception as error:  # one of the rollout's comes again here
+            fault = f"{told} ({as_text(error)})"
         else:
-            same = all(map(_same, here, there))
-            fault = "" if same else "workers give other numbers; something outside steers the task"
-        self._untouched &= method == "evaluate"
-        if not fault:
+            fault = ""
+        here = self._serial.rollout(proposals)
+        if not fault and not all(map(_same, here, there)):
+            fault = "workers give other numbers; something outside steers the task"
+        if fault:
+            self._stay(fault)
+        else:
             self._current, self._settled = self._processes, not self._is_movable()
-            self._say(f"a step takes {1e3 * self._step_seconds:.2g} ms: worker processes take over")
-            return there
-        self._stay(fault)
-        return here if len(here) == len(proposals) else self._serial.run(method, proposals, nothing)
+            self._say(f"{self._pace()}: worker processes take over")
+        return here
 
-    def _rollout_on_trial(
-        self, proposals: Sequence[Proposal], background_update: Callable[[], None]
-    ) -> list[Segment]:
-        """Run proposals in the workers, and settle once it is seen whether these are faster."""
-        beside = 0.0
-
-        def timed() -> None:
-            nonlocal beside
-            begun = time.perf_counter()
-            background_update()
-            beside = time.perf_counter() - begun
-
-        begun = time.perf_counter()
-        segments = self._processes.rollout(proposals, timed)
-        self._trial_seconds += time.perf_counter() - begun
-        self._trial_here += beside + self._step_seconds * _steps(segments)
-        if self._trial_seconds > TRIAL:
-            self._settled = True
-            if self._trial_seconds > GAIN * self._trial_here:
-                with suppress(UnsavableError):
-                    self._serial.restore(self._processes.state())
-                    self._stay("worker processes are no faster")
-        return segments
+    def _judge_workers(self) -> None:
+        """Settle once it is seen whether workers are faster."""
+        if self._seconds[self._processes] <= TRIAL:
+            return
+        self._settled = True
+        if self._step_seconds(self._processes) > GAIN * self._step_seconds(self._serial):
+            with suppress(UnsavableError):
+                self._serial.restore(self._processes.state())
+                self._stay("worker processes are no faster")
 
     def _stay(self, reason: str) -> None:
         """Settle for this process."""
@@ -219,7 +186,7 @@ class Auto(Executor):
 
     def close(self) -> None:
         self._processes.close()
-        self._wait_for_thread()
+        self._wait_for_workers()
         self._serial.close()
 
 
@@ -231,10 +198,6 @@ def _batches(proposals: Sequence[Proposal]) -> Iterable[list[int]]:
         batches[before[proposal.env_index]].append(index)
         before[proposal.env_index] += 1
     return batches.values()
-
-
-def _steps(segments: Sequence[Segment]) -> int:
-    return sum(segment.length for segment in segments)
 
 
 def _same(one: Segment, other: Segment) -> bool:

@@ -9,13 +9,16 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
+import cloudpickle
+
 from zoac.core.errors import WorkerError
 from zoac.core.seeding import stream_seed
+from zoac.core.state import pickled
 from zoac.core.types import Count
 from zoac.rollout.executors import guard
 from zoac.rollout.executors.pool import Handle, Pool
 from zoac.rollout.executors.step_watch import Call, StepWatch
-from zoac.rollout.executors.worker import CANNOT_BE_SAVED, receive, send
+from zoac.rollout.executors.worker import CANNOT_BE_SAVED, read, write
 from zoac.rollout.task import Task
 
 Request = tuple[str, tuple[Any, ...]]
@@ -27,12 +30,7 @@ class Process(Pool):
 
     ends_steps = True
 
-    def __init__(
-        self,
-        *,
-        workers: Count | None = None,
-        attempts: Count = 3,
-    ) -> None:
+    def __init__(self, *, workers: Count | None = None, attempts: Count = 3) -> None:
         """
         Args:
             workers: Number of processes; None: one a core that this process may use.
@@ -77,13 +75,14 @@ class _ProcessHandle(Handle):
             steps.append(("restore", (self.env_states,)))
         for step in steps:
             try:
-                send(self._input, step)
-                reply = self._reply()
+                write(self._input, pickled(step))
+                _, error = self._reply()
             except (EOFError, OSError):
                 raise WorkerError(
                     f"a worker process could not be started ({_death(self._process.wait())})"
                 ) from None
-            self._result(reply)
+            if error is not None:  # may be an OSError of a user's environment
+                raise error
 
     def begin(self, method: str, *arguments: Any) -> None:
         self._request: Request = (method, arguments)
@@ -93,7 +92,7 @@ class _ProcessHandle(Handle):
         """Send the request, in which some calls of environments never return."""
         method, arguments = self._request
         with contextlib.suppress(OSError):  # it has died: `finish` notices and sends again
-            send(self._input, (method, (*arguments, hung) if hung else arguments))
+            write(self._input, pickled((method, (*arguments, hung) if hung else arguments)))
 
     def finish(self) -> Any:
         deaths, hung = 0, list[Call]()
@@ -101,37 +100,33 @@ class _ProcessHandle(Handle):
             known = len(hung)
             try:
                 with self._watching(hung):
-                    reply = self._reply()
+                    result, error = self._reply()
+                break
             except EOFError:  # nobody is there any more
-                status = self._process.wait()
                 deaths += len(hung) == known
-                if deaths == self._attempts:
-                    break
-                self._end_process()
-                if len(hung) > known and self.env_states == CANNOT_BE_SAVED:
-                    self._begin_new_episodes()
-                self._start_process()
-                self.ready()
-                self._send(hung)
-            else:
-                return self._result(reply)
-        raise WorkerError(
-            f"the worker process of {self} died {self._attempts} times on the same work "
-            f"({_death(status)}). Memory may be short: "
-            "try fewer executor.workers or fewer environments"
-        )
+            if deaths == self._attempts:
+                raise WorkerError(
+                    f"the worker process of {self} died {deaths} times on the same work "
+                    f"({_death(self._process.wait())}). Memory may be short: "
+                    "try fewer executor.workers or fewer environments"
+                )
+            self._end_process()
+            if len(hung) > known and self.env_states == CANNOT_BE_SAVED:  # new episodes begin
+                self._restarts += 1
+                self._seed = stream_seed(self._seed, "restart", self._restarts)
+                self.env_states = None
+            self._start_process()
+            self.ready()
+            self._send(hung)
+        if error is not None:
+            raise error
+        return result
 
     def _watching(self, hung: list[Call]) -> AbstractContextManager[None]:
         """Return a context in which a worker is killed whose environment does not return."""
         if self._watch is None:
             return contextlib.nullcontext()
         return self._watch.watching(lambda: guard.kill(self._process), hung)
-
-    def _begin_new_episodes(self) -> None:
-        """Have the next process begin anew where environments that hang cannot be restored."""
-        self._restarts += 1
-        self._seed = stream_seed(self._seed, "restart", self._restarts)
-        self.env_states = None
 
     @property
     def processor_seconds(self) -> float:
@@ -178,16 +173,8 @@ class _ProcessHandle(Handle):
         Raises:
             EOFError: If the process has died.
         """
-        result, error, self._seconds = receive(self._output)
+        result, error, self._seconds = cloudpickle.loads(read(self._output))
         return result, error
-
-    @staticmethod
-    def _result(reply: tuple[Any, Exception | None]) -> Any:
-        # Apart from `_reply`: what a user's environment raises may be an OSError itself.
-        result, error = reply
-        if error is not None:
-            raise error
-        return result
 
 
 def _death(status: int) -> str:

@@ -5,9 +5,7 @@ kills the worker once that has stood still for too long. Its replacement does th
 up to that step, which then fails instead of being called.
 """
 
-import mmap
 import os
-import struct
 import tempfile
 import threading
 import time
@@ -16,9 +14,10 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import numpy as np
+
 from zoac.core.errors import EnvironmentFailure
 
-_PLACE = struct.Struct("<qqq")  # calls so far, row, calls of this row in this request
 _NOWHERE = -1
 
 Call = tuple[int, int]
@@ -34,7 +33,8 @@ class StepClock:
     """
 
     def __init__(self, path: str, timeout: float) -> None:
-        self._file = _mapped(path)
+        # Calls so far, row, calls of this row in this request.
+        self._place = np.memmap(path, np.int64, "r+", shape=(3,))
         self._timeout = timeout
         self._total = 0
         self.begin(())
@@ -65,22 +65,18 @@ class StepClock:
             self._write(_NOWHERE)
 
     def _write(self, row: int) -> None:
-        _PLACE.pack_into(self._file, 0, self._total, row, self._calls[row])
+        self._place[:] = self._total, row, self._calls[row]
 
 
 class StepWatch:
-    """The other side: ends a worker whose environment does not return."""
+    """The other side: ends a worker whose environment does not return within `timeout` seconds."""
 
     def __init__(self, timeout: float) -> None:
-        """
-        Args:
-            timeout: Seconds that a call of an environment may take.
-        """
         self._timeout = timeout
         descriptor, self.path = tempfile.mkstemp(prefix="zoac-steps-")
-        os.write(descriptor, _PLACE.pack(0, _NOWHERE, 0))
         os.close(descriptor)
-        self._file = _mapped(self.path)
+        self._place = np.memmap(self.path, np.int64, "w+", shape=(3,))
+        self._place[:] = 0, _NOWHERE, 0
 
     @contextmanager
     def watching(self, end: Callable[[], None], found: list[Call]) -> Iterator[None]:
@@ -97,10 +93,10 @@ class StepWatch:
     def _watch(self, end: Callable[[], None], found: list[Call], over: threading.Event) -> None:
         place, since = None, time.monotonic()
         while not over.wait(min(0.5, self._timeout / 10)):
-            if (now := bytes(self._file[: _PLACE.size])) != place:
+            if (now := self._place.tolist()) != place:
                 place, since = now, time.monotonic()
                 continue
-            _, row, number = _PLACE.unpack(now)
+            _, row, number = now
             if row != _NOWHERE and time.monotonic() - since > self._timeout:
                 found.append((row, number))
                 end()
@@ -108,11 +104,5 @@ class StepWatch:
 
     def close(self) -> None:
         """Remove the file."""
-        self._file.close()
         with suppress(OSError):
             Path(self.path).unlink()
-
-
-def _mapped(path: str) -> mmap.mmap:
-    with open(path, "r+b") as file:
-        return mmap.mmap(file.fileno(), _PLACE.size)

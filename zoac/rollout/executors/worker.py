@@ -6,7 +6,6 @@ sees to that.
 """
 
 import os
-import struct
 import sys
 import threading
 import time
@@ -22,41 +21,27 @@ from zoac.rollout.executors.host import Method, RolloutHost
 from zoac.rollout.executors.step_watch import Call, StepClock
 from zoac.rollout.task import Task
 
-_LENGTH = struct.Struct("<Q")
 
-
-def send(stream: IO[bytes], message: Any) -> None:
-    """Write one message.
+def write(stream: IO[bytes], body: bytes) -> None:
+    """Write one message, behind its length.
 
     Raises:
         OSError: If nobody listens any more.
     """
-    _write(stream, pickled(message))
-
-
-def _write(stream: IO[bytes], body: bytes) -> None:
-    stream.write(_LENGTH.pack(len(body)))
+    stream.write(len(body).to_bytes(8, "little"))
     stream.write(body)
     stream.flush()
 
 
-def receive(stream: IO[bytes]) -> Any:
+def read(stream: IO[bytes]) -> bytes:
     """Read one message.
 
     Raises:
         EOFError: If the other side has gone.
     """
-    return cloudpickle.loads(_read(stream))
-
-
-def _read(stream: IO[bytes]) -> bytes:
-    (length,) = _LENGTH.unpack(_exactly(stream, _LENGTH.size))
-    return _exactly(stream, length)
-
-
-def _exactly(stream: IO[bytes], length: int) -> bytes:
-    body = stream.read(length)
-    if len(body) < length:
+    length = stream.read(8)
+    body = stream.read(int.from_bytes(length, "little"))
+    if len(length) < 8 or len(body) < int.from_bytes(length, "little"):
         raise EOFError
     return body
 
@@ -161,14 +146,14 @@ def main() -> None:
             reply = pickled((result, error, seconds))
         except Exception as refusal:  # by something of the user's in the result
             reply = pickled((None, _portable(refusal), seconds))
-        _write(replies, reply)
+        write(replies, reply)
 
 
 def _listen(requests: IO[bytes], bodies: SimpleQueue[bytes]) -> None:
     """Pass requests on; end this process at their end, even if it is stuck in a user's step."""
     try:
         while True:
-            bodies.put(_read(requests))
+            bodies.put(read(requests))
     finally:
         os._exit(0)
 
