@@ -145,7 +145,7 @@ class UserTask(Task):
         self._objective = of_env
         self.objective = objective_text(self.specs, str(Objective(of_env)))
         self.signals = signals_of({} if signals is None else signals)
-        if self.signals or self.specs:
+        if self.signals or self.specs or sample_time is not None:
             self.sample_time = self._seen(lambda env: sample_time_of(sample_time, env))
             check(self.specs, self.signals, self.sample_time)
         self.make_controller()  # says what is wrong with it

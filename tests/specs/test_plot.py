@@ -74,6 +74,14 @@ def test_a_step_down_must_not_fall_below_its_limit():
     assert guides.limits([overshoot], "y", time, values) == [guides.Limit(-0.1, 0.0, 2.0, False)]
 
 
+def test_a_limit_holds_where_the_spec_judges():
+    spec = guides.plain(zoac.specs.overshoot("y", "r", max=0.1, window=(0.1, 0.3)))
+    time = np.arange(5) * 0.1  # 0.3 is 0.30000000000000004
+    values = {"y": np.zeros(5), "r": np.ones(5)}
+    limit = guides.Limit(1.1, time[1], time[3], True)
+    assert guides.limits([spec], "y", time, values) == [limit]
+
+
 def test_a_loaded_result_plots_the_same_and_saves_it(result, tmp_path):
     path = tmp_path / "response.png"
     loaded = zoac.load_result(result.folder).plot(path)

@@ -342,6 +342,10 @@ def test_a_run_with_another_function_behind_a_spec_or_signal_is_another_run(tmp_
         ({"specs": [ERROR, ERROR]}, "is there twice"),
         ({"specs": [3.0]}, r"specs\[0\]=3.0: expected a spec of zoac.specs"),
         ({"sample_time": -1.0}, "sample_time=-1.0: expected seconds, above 0"),
+        (
+            {"sample_time": -1.0, "signals": {}, "specs": [], "objective": "auto"},
+            "sample_time=-1.0: expected seconds, above 0",
+        ),
         ({"specs": [zoac.specs.gain_margin(min=2.0)]}, "gain_margin: expected loop="),
         ({"signals": {**SIGNALS, "v": "nothing"}}, "signals.v"),
         ({"signals": {**SIGNALS, "y": zoac.observation(7)}}, r"observation\(7\) raised IndexError"),

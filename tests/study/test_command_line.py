@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from tests import commands
+from zoac.runs.lock import locked
 from zoac.study.commands import command
+from zoac.study.loop import CARRIED_OUT
 from zoac.study.study import Study
 
 ROOT = Path(__file__).parents[2]
@@ -92,6 +94,13 @@ def test_a_program_carries_the_study_out(rig, capsys):
     assert status == 0
     assert best["cost"] == best["parameters"]["kp"] <= 10.0
     assert Study(folder=rig).finished
+
+
+def test_two_programs_do_not_run_the_same_experiments(rig, capsys):
+    with locked(Path(rig) / CARRIED_OUT):
+        status, _, said = run(capsys, "run", rig, "--", sys.executable, "-c", "print(1)")
+    assert (status, said) == (1, f"error: {rig}: another process carries out this study\n")
+    assert Study(folder=rig).trials == []
 
 
 def test_a_person_is_asked_for_the_cost(rig, monkeypatch, capsys):

@@ -1,10 +1,12 @@
 """What figures draw: named signals, their references, and the limits that specs put on them."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from zoac.core.errors import ConfigError
 from zoac.core.measures import Trace
 from zoac.core.segments import Segment
 from zoac.specs.signals import Episode, Signal
@@ -71,11 +73,12 @@ def limits(
     """
     found: list[Limit] = []
     for row in rows:
-        start, end = row["window"] or (time[0], time[-1])
-        inside = (time >= start) & (time <= end)
-        if row["signals"][:1] == [name] and row["max"] is not None and inside.any():
-            start, end = float(time[inside][0]), float(time[inside][-1])
-            samples = [values[signal][inside] for signal in row["signals"]]
+        if row["signals"][:1] != [name] or row["max"] is None:
+            continue
+        with suppress(ConfigError):  # no sample of this episode is in the window
+            part = Episode(time, values).within(row["window"])
+            start, end = float(part.time[0]), float(part.time[-1])
+            samples = [part.values[signal] for signal in row["signals"]]
             levels = _levels(row, start, end, samples)
             found += [Limit(float(x), float(t), end, up) for x, t, up in levels if t < end]
     return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -96,7 +95,7 @@ def judged(
         )
     violation = sum(spec.violation_of(episode, value) for spec, value in pairs)
     named = {spec.label: value for spec, value in pairs}
-    return (math.fsum(soft) if soft else cost), float(violation), named
+    return (sum(soft) if soft else cost), float(violation), named
 
 
 def as_plain(spec: Spec) -> dict[str, Any]:

@@ -57,8 +57,7 @@ def tune_cost(
     where = study.folder
     again = "the same call" if folder else f"the same call with folder={str(where)!r}"
     try:
-        with locked(where / CARRIED_OUT, held="another process carries out this study"):
-            carry_out(study, cost, quiet=quiet)
+        carry_out(study, cost, quiet=quiet)
     except KeyboardInterrupt:
         raise _interrupted(study, again) from None
     best = study.best  # says that none has succeeded
@@ -99,15 +98,16 @@ def carry_out(study: Study, cost: Cost, *, quiet: bool = True) -> None:
     """Run all experiments that are left, those of a process that was killed first.
 
     Args:
-        study: What is carried out, by this process alone; each of its workers is a thread.
+        study: What is carried out; each of its workers is a thread.
         cost: As for `tune_cost`.
         quiet: Print nothing.
 
     Raises:
         NothingWorksError: If each of the first ten experiments failed.
+        RunFolderError: If another process carries out the study.
     """
     workers, total = study.settings.workers, study.settings.experiments
-    left, stopped = iter(study.pending), threading.Event()
+    stopped = threading.Event()
 
     def work() -> None:
         while not stopped.is_set():
@@ -124,17 +124,19 @@ def carry_out(study: Study, cost: Cost, *, quiet: bool = True) -> None:
             if not quiet:
                 print(f"experiment {ended.number} of {total}: {_line(told(ended))}", flush=True)
 
-    if workers == 1:
-        work()
-        return
-    with ThreadPoolExecutor(workers) as pool:
-        try:
-            for future in as_completed([pool.submit(work) for _ in range(workers)]):
-                future.result()
-        finally:
-            stopped.set()
-            if isinstance(cost, Program):
-                cost.stop()
+    with locked(study.folder / CARRIED_OUT, held="another process carries out this study"):
+        left = iter(study.pending)
+        if workers == 1:
+            work()
+            return
+        with ThreadPoolExecutor(workers) as pool:
+            try:
+                for future in as_completed([pool.submit(work) for _ in range(workers)]):
+                    future.result()
+            finally:
+                stopped.set()
+                if isinstance(cost, Program):
+                    cost.stop()
 
 
 def _result(study: Study, cost: Cost, trial: Trial) -> dict[str, Any]:
