@@ -27,6 +27,13 @@ PLUGINS = {
 }
 
 
+def folder_of_three(folder):
+    """Return the folder, in which the run with seed 2 cannot begin."""
+    (folder / "runs/lqr/es").mkdir(parents=True)
+    (folder / "runs/lqr/es/seed=2").touch()
+    return folder
+
+
 def needs(launcher):
     try:
         importlib.import_module(PLUGINS[launcher])
@@ -39,13 +46,20 @@ counts_by_proc = pytest.mark.skipif(
     not Path("/proc/self/environ").exists(), reason="counts processes by /proc"
 )
 # Two runs, and a job that fails between them.
-THREE = [*SMALL, "tuner=es", "budget=60000", "checkpoint_seconds=0", "seed=0,-1,1"]
+THREE = [
+    *SMALL,
+    "tuner=es",
+    "budget=200000",
+    "eval_every=50000",
+    "checkpoint_seconds=0",
+    "seed=0,2,1",
+]
 ENDLESS = ["budget=100000000", "eval_every=100000000", "checkpoint_seconds=0"]
 
 
 @pytest.fixture(scope="module")
 def one_after_the_other(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("basic")
+    folder = folder_of_three(tmp_path_factory.mktemp("basic"))
     code, _, err = alone("-m", *THREE, cwd=folder)
     assert code == 1, err
     return results(folder / "runs")
@@ -83,7 +97,7 @@ def test_a_stopped_sweep_goes_on_and_ends_with_the_numbers_of_jobs_one_after_the
     launcher, how, one_after_the_other, tmp_path
 ):
     needs(launcher)
-    arguments = [*THREE, f"launcher={launcher}"]
+    arguments, tmp_path = [*THREE, f"launcher={launcher}"], folder_of_three(tmp_path)
     if launcher == "joblib":
         arguments.append("hydra.launcher.n_jobs=2")
     assert stop_and_see_its_jobs_end(arguments, how, tmp_path) == 130
@@ -92,7 +106,7 @@ def test_a_stopped_sweep_goes_on_and_ends_with_the_numbers_of_jobs_one_after_the
     assert results(tmp_path / "runs") == one_after_the_other
     assert code == 1
     assert "2 job(s) of the sweep done\n1 job(s) of the sweep failed:\n  " in err
-    assert "seed=-1: input should be greater than or equal to 0\n" in err.partition("failed:")[2]
+    assert "seed=2: cannot make or use the run folder" in err.partition("failed:")[2]
     assert "Traceback" not in err
     if launcher == "joblib":  # submitit's jobs write into files; ray marks each line
         assert sum(": cost " in line for line in out.splitlines()) == 2

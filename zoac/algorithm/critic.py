@@ -31,7 +31,7 @@ def _own_settings() -> Iterator[None]:
     torch.set_num_threads(1)
     onednn.enabled = False
     try:
-        with torch.inference_mode():
+        with torch.inference_mode(), torch.autocast("cpu", enabled=False):
             yield
     finally:
         torch.set_num_threads(threads)
@@ -109,10 +109,8 @@ class Critic:
         """Return the inputs and every layer's output, V_w (B, 1) last."""
         outputs = [inputs]
         for matrix, bias in self._layers:
-            if len(outputs) > 1:
-                np.tanh(
-                    outputs[-1].numpy(), out=outputs[-1].numpy()
-                )  # ten times as fast as torch's
+            if len(outputs) > 1:  # NumPy's is ten times as fast as torch's
+                np.tanh(outputs[-1].numpy(), out=outputs[-1].numpy())
             outputs.append(torch.addmm(bias, outputs[-1], matrix))
         return outputs
 
