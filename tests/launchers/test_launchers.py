@@ -49,7 +49,7 @@ counts_by_proc = pytest.mark.skipif(
 THREE = [
     *SMALL,
     "tuner=es",
-    "budget=200000",
+    "budget=120000",
     "eval_every=50000",
     "checkpoint_seconds=0",
     "seed=0,2,1",
