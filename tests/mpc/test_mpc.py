@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import re
 
 import cloudpickle
 import gymnasium
@@ -17,11 +16,6 @@ from tests.mpc.systems import SYSTEMS, cart_pole, reactor, vehicle
 from zoac.core.errors import ConfigError, ControllerError
 from zoac.mpc import CasadiModel, FunctionModel, Mpc
 from zoac.mpc.problem import Status
-from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
-from zoac.mpc.sqp import MpcOptions
-from zoac.tasks.mpc_tracking import MpcTrackingVecEnv, TrackingMpc
-from zoac.tasks.mpc_tracking.controller import SPACE
-from zoac.tasks.mpc_tracking.vehicle import INPUTS, STATES, BicycleModel
 
 
 def step(x, u, p):
@@ -72,46 +66,6 @@ def test_every_part_of_the_programme_counts() -> None:
         for change in several:
             off, _ = differences(make(4, 0, **change))
             assert np.nanmax(off) > 1e-4, change
-
-
-@pytest.mark.parametrize(
-    ("options", "bounds"),
-    [
-        ({}, {}),
-        (
-            {"state_low": {"v": -0.3, "u": 17.0}, "state_high": {"v": 0.3}},
-            {"bounds": {"v": (-0.3, 0.3), "u": (17.0, None)}},
-        ),
-        (
-            {"state_high": {"omega": 0.3}, "state_bounds": "hard"},
-            {"bounds": {"omega": (None, 0.3)}, "hard": "omega"},
-        ),
-        ({"state_high": {"v": 0.1}, "state_penalty": 9.0}, {"bounds": {"v": (None, 0.1)},
-                                                            "penalty": 9.0}),
-    ],
-    ids=["no bounds", "soft", "hard", "penalty"],
-)  # fmt: skip
-def test_the_tracking_mpc_is_one_of_them(options, bounds) -> None:
-    """The same weights and parameters give the same bits."""
-    z = np.random.default_rng(0).uniform(-1, 1, (20, 19))
-    params, (obs, _) = SPACE.denormalise(z), MpcTrackingVecEnv(20).reset(seed=3)
-    limit = 2.0 * np.pi / 15.0
-    weights = dict.fromkeys((*STATES, *INPUTS), 1.0) | {"u": 1e-2}
-    box = {"delta": (-limit, limit), "a": (-3.0, 3.0)}
-    mpc = Mpc(
-        BicycleModel(), 25, weights=weights, terminal=dict.fromkeys(STATES, 1.0), discount=0.99,
-        **{**bounds, "bounds": box | bounds.get("bounds", {})},
-        reference={"x": slice(6, 81, 3), "y": slice(7, 81, 3), "phi": slice(8, 81, 3), "u": 18.0},
-    )  # fmt: skip
-    names = {name: re.sub("^(stage|input)_", "weight_", name) for name in params}
-    same = {names[name]: value for name, value in params.items()}
-    theirs = TrackingMpc(ClarabelSolver(), MpcOptions(**options)).act(params, obs, {})
-    plain = TrackingMpc(ClarabelSolver()).act(params, obs, {})
-    assert (np.abs(plain[0] - theirs[0]).max() > 1e-2) == bool(options)
-    own = mpc.act(same, obs, {})
-    np.testing.assert_array_equal(own[0], theirs[0])
-    for name in ("prediction", "solver_status", "linearisations"):
-        np.testing.assert_array_equal(own[2][name], theirs[2][name])
 
 
 EVERYTHING = {

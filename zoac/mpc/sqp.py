@@ -107,15 +107,15 @@ class Objective:
         reference: (n, N, nx), for x_1 .. x_N.
         state_weights: (n, N, nx), discounts included.
         input_weights: (n, N, nu), discounts included.
+        rest: (n, nu), inputs inside the box, applied where no programme was solved.
         bounds: On the states; None: none.
-        rest: (n, nu), inputs applied where no programme was solved, clipped to the box; None: 0.
     """
 
     reference: np.ndarray
     state_weights: np.ndarray
     input_weights: np.ndarray
+    rest: np.ndarray
     bounds: StateBounds | None = None
-    rest: np.ndarray | None = None
 
     def take(self, rows: np.ndarray) -> Objective:
         """Return those of some environments, by mask or index."""
@@ -123,8 +123,8 @@ class Objective:
             self.reference[rows],
             self.state_weights[rows],
             self.input_weights[rows],
+            self.rest[rows],
             None if self.bounds is None else self.bounds.take(rows),
-            None if self.rest is None else self.rest[rows],
         )
 
 
@@ -196,7 +196,7 @@ class SequentialQp:
         """Plan from `start` (n, nx), beginning with `guess` (n, N, nu).
 
         An environment whose solve fails twice keeps the last plan of this call that did solve, else
-        zero input or what `objective.rest` says (clipped to the box), and stops there.
+        `objective.rest`, and stops there.
 
         Raises:
             ConfigError: In the first call, if the model's Jacobians are not as sparse as it says.
@@ -220,9 +220,8 @@ class SequentialQp:
             if attempt.troubled:
                 ends = attempt.status != _SOLVED
                 retried[env_indices] |= attempt.retried
-                rest = 0.0 if objective.rest is None else objective.rest[:, None]
-                rest = np.clip(rest, problem.input_low, problem.input_high)
-                after = np.where(ends[:, None, None], rest if posed == 1 else before, after)
+                last = objective.rest[:, None] if posed == 1 else before
+                after = np.where(ends[:, None, None], last, after)
             if self._until_converged:
                 change = np.abs(after - before)
                 stands = (change <= CONVERGED * self._scale(problem, after)).all((1, 2))

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.linalg import LinAlgError, solve_discrete_are
 
 from zoac.core.errors import ConfigError, ControllerError
 from zoac.mpc.controller.numbers import Numbers
@@ -95,6 +94,8 @@ class CostToGo:
         if key not in self._kept:
             if len(self._kept) >= MAX_KEPT:
                 self._kept.clear()
+            from scipy.linalg import LinAlgError, solve_discrete_are  # takes a tenth of a second
+
             nx, root = len(a), np.sqrt(discount)
             q, s, r = weight[:nx, :nx], weight[:nx, nx:], weight[nx:, nx:]
             try:
