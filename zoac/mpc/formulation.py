@@ -104,22 +104,18 @@ class Formulation:
 
     Args:
         problem: The problem.
-        dynamics: Flat parameter: each entry of a over k = 1..N-1, each entry of b over
-            k = 0..N-1, each component of the gap over k, then low and high.
-        weights: Flat nonnegative parameter: w (N, nx), then r (N, nu), component by component.
-        errors: Variable (N, nx).
+        parameters: By name, each flat: "dynamics": each entry of a over k = 1..N-1, each entry of
+            b over k = 0..N-1, each component of the gap over k, then low and high; "weights": w
+            (N, nx), then r (N, nu), component by component, nonnegative; "bounds", if states are
+            bounded: each lower bound less the reference over k, each upper one likewise, then the
+            penalties.
         inputs: Variable (N, nu).
-        bounds: Flat parameter, if states are bounded: each lower bound less the reference over k,
-            each upper one likewise, then the penalties.
         of_bounds: The constraints of lower and upper bounds, in the order of the layout.
     """
 
     problem: cp.Problem
-    dynamics: cp.Parameter
-    weights: cp.Parameter
-    errors: cp.Variable
+    parameters: dict[str, cp.Parameter]
     inputs: cp.Variable
-    bounds: cp.Parameter | None
     of_bounds: tuple[list[cp.Constraint], list[cp.Constraint]]
 
 
@@ -161,17 +157,18 @@ def build_problem(layout: Layout) -> Formulation:
         cp.sum(cp.multiply(read.next(variable.size, variable.shape), cp.square(variable)))
         for variable in (errors, inputs)
     ]
-    bounds, below, above = None, [], []
+    parameters = {"dynamics": dynamics, "weights": weights}
+    below, above = [], []
     if layout.bounds_size:
-        bounds = cp.Parameter(layout.bounds_size, name="bounds")
-        read = _Slices(bounds)
+        parameters["bounds"] = cp.Parameter(layout.bounds_size, name="bounds")
+        read = _Slices(parameters["bounds"])
         slacks = {i: cp.Variable(horizon, name=f"slack_{i}") for i in layout.soft}
         below = [errors[:, i] >= read.next(horizon) - slacks.get(i, 0.0) for i in layout.state_low]
         above = [errors[:, i] <= read.next(horizon) + slacks.get(i, 0.0) for i in layout.state_high]
         cost += [read.next(1) * cp.sum(slack) for slack in slacks.values()]
         constraints += [*below, *above, *(slack >= 0 for slack in slacks.values())]
     problem = cp.Problem(cp.Minimize(sum(cost)), constraints)
-    return Formulation(problem, dynamics, weights, errors, inputs, bounds, (below, above))
+    return Formulation(problem, parameters, inputs, (below, above))
 
 
 class _Slices:

@@ -242,7 +242,7 @@ class Mpc:
                 f"the model has {nx} states, the observation {obs.shape[1]} numbers; say by "
                 "state=... how the state is read from it"
             )
-        return obs[:, self.columns]
+        return np.take(obs, self.columns, axis=1)  # in C's order, unlike obs[:, columns]
 
     def _guess(self, rest: np.ndarray, memory: Memory) -> np.ndarray:
         guess = np.repeat(rest[:, None], self.options.horizon, axis=1)
