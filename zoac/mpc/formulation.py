@@ -23,7 +23,9 @@ from functools import lru_cache
 import cvxpy as cp
 import numpy as np
 
-from zoac.mpc.problem import LinearisedProblem
+from zoac.mpc.problem import LinearisedProblem, Sparsity
+
+Entries = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +48,8 @@ class Layout:
     horizon: int
     nx: int
     nu: int
-    a: tuple[tuple[int, int], ...]
-    b: tuple[tuple[int, int], ...]
+    a: Entries
+    b: Entries
     low: tuple[bool, ...]
     high: tuple[bool, ...]
     state_low: tuple[int, ...] = ()
@@ -58,12 +60,9 @@ class Layout:
     def of(cls, problem: LinearisedProblem) -> Layout:
         """Return the layout of `problem`."""
         _, horizon, nx, nu = problem.b.shape
-        sparsity = problem.sparsity
-        a, b = b"\1" * (nx * nx), b"\1" * (nx * nu)
-        if sparsity is not None:
-            a, b = sparsity.a.tobytes(), sparsity.b.tobytes()
-        bounds = np.isfinite((problem.input_low, problem.input_high)).tobytes()
-        layout = _layout(horizon, nx, nu, a, b, bounds)
+        a, b = _entries(problem.sparsity, nx, nu)
+        low, high = (tuple(np.isfinite(side).tolist()) for side in problem.box)
+        layout = cls(horizon, nx, nu, a, b, low, high)
         if (given := problem.bounds) is None:
             return layout
         bounded = np.isfinite((given.low[0], given.high[0]))
@@ -90,12 +89,10 @@ class Layout:
 
 
 @lru_cache
-def _layout(horizon: int, nx: int, nu: int, a: bytes, b: bytes, bounds: bytes) -> Layout:
-    def entries(mask: bytes, columns: int) -> tuple[tuple[int, int], ...]:
-        return tuple(divmod(place, columns) for place, nonzero in enumerate(mask) if nonzero)
-
-    finite = tuple(map(bool, bounds))
-    return Layout(horizon, nx, nu, entries(a, nx), entries(b, nu), finite[:nu], finite[nu:])
+def _entries(sparsity: Sparsity | None, nx: int, nu: int) -> list[Entries]:
+    full = np.ones((nx, nx)), np.ones((nx, nu))
+    masks = full if sparsity is None else (sparsity.a, sparsity.b)
+    return [tuple((i, j) for i, j in np.argwhere(mask).tolist()) for mask in masks]
 
 
 @dataclass(frozen=True, slots=True)

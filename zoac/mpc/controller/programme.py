@@ -10,7 +10,7 @@ import numpy as np
 from zoac.core.errors import ConfigError, suggest
 from zoac.mpc.controller.numbers import Numbers, by_name
 from zoac.mpc.controller.outputs import ModelWithOutputs
-from zoac.mpc.controller.weights import CostToGo, Matrix, Values, factors
+from zoac.mpc.controller.weights import Matrix, Values, cost_to_go, factors
 from zoac.mpc.problem import PENALTY, StateBounds
 from zoac.mpc.sqp import Objective
 
@@ -62,15 +62,12 @@ class Programme:
         self._states, self._inputs = states, inputs = tuple(model.states), tuple(model.inputs)
         every = (*states, *inputs)
         self._weight = Matrix("weight", by_name("weights", weights, every), every, numbers)
-        if isinstance(terminal, str):
-            if terminal != "riccati":
-                raise ConfigError(f"terminal={terminal!r}: {suggest(terminal, ['riccati'])}")
-            self._terminal: Matrix | CostToGo | None = CostToGo()
-        else:
-            given = by_name("terminal", terminal, states)
-            self._terminal = Matrix("terminal", given, states, numbers) if given else None
-        self.of_regulator = isinstance(self._terminal, CostToGo)
+        self.of_regulator = isinstance(terminal, str) and terminal == "riccati"
         """Whether the terminal weights are those of the linear-quadratic regulator."""
+        if isinstance(terminal, str) and not self.of_regulator:
+            raise ConfigError(f"terminal={terminal!r}: {suggest(terminal, ['riccati'])}")
+        given = {} if self.of_regulator else by_name("terminal", terminal, states)
+        self._terminal = Matrix("terminal", given, states, numbers) if given else None
         self._rate_weights, self._max_rates = (
             {name: numbers.add(group, f"{group}_{name}", value, 0.0)
              for name, value in by_name(option, of_rates, inputs).items()}
@@ -190,7 +187,7 @@ class Programme:
             self.rates,
             [j for j, name in enumerate(self._inputs) if name in copies],
             stage=self._weight.full,
-            end=of_states if self._terminal is None else self._terminal.full,
+            end=self.of_regulator or (of_states if self._terminal is None else self._terminal.full),
         )
 
     def weigh(
@@ -225,7 +222,7 @@ class Programme:
             states[:, :, outputs.copy] = 0.0
         else:
             states[:, :-1, outputs.states] = gamma[:, 1:-1, None] * diagonal[:, None, :nx]
-        if not isinstance(self._terminal, CostToGo):
+        if not self.of_regulator:
             own = self._terminal
             last = weight[:, :nx, :nx] if own is None else own.matrices(values, n)
             if outputs.end.stop > outputs.end.start:
@@ -251,13 +248,11 @@ class Programme:
         n, horizon, _ = reference.shape
         # What is applied and linearised about lies in the bounds, whatever the cost's centre is.
         inside = self.clip(rest)
-        if isinstance(self._terminal, CostToGo):
+        if self.of_regulator:
             at = weighed.theta, reference[:, -1].copy(), inside[:, None]
             _, a, b = self._model.linearise(*at)
             discount = weighed.values[self._discount]
-            sizes, end = factors(
-                self._terminal.matrices(a[:, 0], b[:, 0], weighed.weight, discount)
-            )
+            sizes, end = factors(cost_to_go(a[:, 0], b[:, 0], weighed.weight, discount))
             states = states.copy()
             states[:, -1, outputs.end] = weighed.gamma[:, -1:] * sizes
         target = np.zeros_like(states)

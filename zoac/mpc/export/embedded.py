@@ -9,7 +9,7 @@ import numpy as np
 from zoac.core.errors import ConfigError
 from zoac.mpc.controller.outputs import ModelWithOutputs
 from zoac.mpc.controller.reference import Reference
-from zoac.mpc.sqp import MpcOptions, Objective
+from zoac.mpc.sqp import MAX_LINEARISATIONS, MpcOptions, Objective
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class EmbeddedMpc:
     reference: np.ndarray
     preview: np.ndarray
     box: tuple[np.ndarray, np.ndarray]
-    undamped: int
+    undamped: int = MAX_LINEARISATIONS
 
 
 def model_step(model: Any, theta: np.ndarray) -> Any:
