@@ -108,7 +108,8 @@ def problem_solve(problem: LinearisedProblem) -> Callable[[LinearisedProblem], N
     """Return `problem.solve()` at its fastest: warm start on, the fast path's settings."""
     layout = Layout.of(problem)
     formulation = build_problem(layout)
-    dynamics, weights = np.empty((1, layout.dynamics_size)), np.empty((1, layout.weights_size))
+    starts = {"dynamics": 0, "weights": layout.dynamics_size}
+    values = np.empty((1, layout.dynamics_size + layout.weights_size))
     settings = {
         **dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-10),
         "max_step_fraction": _STEP_FRACTIONS[0],
@@ -118,8 +119,10 @@ def problem_solve(problem: LinearisedProblem) -> Callable[[LinearisedProblem], N
     }
 
     def solve(problem: LinearisedProblem) -> None:
-        write_parameters(problem, layout, units(problem), dynamics, weights)
-        formulation.dynamics.value, formulation.weights.value = dynamics[0], weights[0]
+        write_parameters(problem, layout, units(problem), values, starts)
+        parts = np.split(values[0], [layout.dynamics_size])
+        for parameter, part in zip(formulation.parameters.values(), parts, strict=True):
+            parameter.value = part
         formulation.problem.solve(solver=cp.CLARABEL, warm_start=True, **settings)
 
     return solve

@@ -1,21 +1,27 @@
 """The tracking MPC as a function of its 19 parameters and the observation."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from zoac.core.controller import Diagnostics, Memory, Parameters
 from zoac.core.errors import ControllerError
 from zoac.core.parameters import Parameter, ParameterSpace
-from zoac.mpc.compiled import compiled
+from zoac.mpc.controller.mpc import Mpc
 from zoac.mpc.controller.numbers import by_name
-from zoac.mpc.problem import PENALTY, Solver, StateBounds
-from zoac.mpc.sqp import MpcOptions, Objective, SequentialQp, check_solver, shifted
+from zoac.mpc.problem import Solver
+from zoac.mpc.sqp import MAX_LINEARISATIONS, MpcOptions, check_solver
 from zoac.tasks.mpc_tracking.path import SPEED
-from zoac.tasks.mpc_tracking.vehicle import INPUTS, STATES, TRUE_PARAMETERS, BicycleModel
+from zoac.tasks.mpc_tracking.vehicle import (
+    INPUT_HIGH,
+    INPUT_LOW,
+    INPUTS,
+    STATES,
+    TRUE_PARAMETERS,
+    BicycleModel,
+)
 
 WeightLayout = Literal["separate", "aliased"]
 
@@ -63,7 +69,7 @@ weigh x, y, phi, u weighs phi, u, v, omega, and the last two are never read.
 
 
 class TrackingMpc:
-    """U_t = pi_theta(observation): the first input of the plan; see `zoac.mpc.sqp`."""
+    """U_t = pi_theta(observation): an `Mpc` whose numbers are the task's 19 parameters."""
 
     def __init__(
         self, solver: Solver, options: MpcOptions | None = None, weights: WeightLayout = "separate"
@@ -78,54 +84,56 @@ class TrackingMpc:
         Raises:
             ConfigError: If a bound names no state, or the solver takes no bounds on states.
         """
-        self._options = options = options or MpcOptions()
-        self._model = BicycleModel()
-        self._search = SequentialQp(self._model, solver, options.linearisations)
-        horizon = options.horizon
-        stage = [SPACE.names.index(name) for name in _STAGE]
-        stage.insert(STATES.index("u"), SPACE.dimension)  # the fixed weight, after the last
-        terminal = [SPACE.names.index(name) for name in TERMINAL_READ[weights]]
-        inputs = [SPACE.names.index(name) for name in _INPUT]
-        self._columns = (np.array(stage), np.array(terminal), np.array(inputs))
-        self._discounts = DISCOUNT ** np.arange(horizon + 1)
-        self._low = _by_state("state_low", options.state_low, -np.inf)
-        self._high = _by_state("state_high", options.state_high, np.inf)
-        self._bounded = bool(np.isfinite((self._low, self._high)).any())
-        check_solver(solver, "task.mpc.state_low and state_high" * self._bounded)
+        options = options or MpcOptions()
+        low, high = (by_name(f"mpc.{side}", getattr(options, side), STATES)
+                     for side in ("state_low", "state_high"))  # fmt: skip
+        of_states = {name: (low.get(name), high.get(name)) for name in (*low, *high)}
+        check_solver(solver, "task.mpc.state_low and state_high" * bool(of_states))
+        ones: dict[Any, float] = dict.fromkeys((*STATES, *INPUTS), 1.0)
+        self._length = 6 + 3 * options.horizon
+        limits = zip(INPUT_LOW.tolist(), INPUT_HIGH.tolist(), strict=True)
+        self._mpc = _UndampedMpc(
+            BicycleModel(),
+            options.horizon,
+            weights=ones | {"u": FIXED_STAGE_U},
+            terminal=dict.fromkeys(STATES, 1.0),
+            bounds=dict(zip(INPUTS, limits, strict=True)) | of_states,
+            hard=tuple(of_states) if options.state_bounds == "hard" else (),
+            penalty=options.state_penalty,
+            reference={name: slice(6 + i, None, 3) for i, name in enumerate(("x", "y", "phi"))}
+            | {"u": SPEED},
+            discount=DISCOUNT,
+            linearisations=options.linearisations,
+            initial_guess=options.initial_guess,
+            solver=solver,
+        )
+        terminal = (f"terminal_{name}" for name in STATES)
+        self._read = {
+            **{p.name: p.name for p in _MODEL},
+            **{name.replace("stage", "weight"): name for name in _STAGE},
+            **{name.replace("input", "weight"): name for name in _INPUT},
+            **dict(zip(terminal, TERMINAL_READ[weights], strict=True)),
+        }
+        """Number of the MPC -> parameter of the task."""
 
     def init(self, n: int) -> Memory:
         """Return {} or, with `initial_guess: shifted`, {"plan": (n, N_p, 2)}."""
-        if self._options.initial_guess == "zero":
-            return {}
-        return {"plan": np.zeros((n, self._options.horizon, 2))}
+        return self._mpc.init(n)
 
     def act(
         self, params: Parameters, obs: np.ndarray, memory: Memory
     ) -> tuple[np.ndarray, Memory, Diagnostics]:
-        """Return the inputs (n, 2), the memory and diagnostics; see `Controller`.
-
-        Diagnostics are those of `zoac.mpc.Mpc.act`; `prediction` (n, 6) = F_theta(X_t, U_t).
+        """Return the inputs (n, 2), the memory and diagnostics; see `Mpc.act`.
 
         Raises:
             ControllerError: If the observation's length does not fit the horizon.
         """
-        n = len(obs)
-        expected = 6 + 3 * self._options.horizon
-        if obs.shape != (n, expected):
+        if obs.shape[1] != self._length:
             raise ControllerError(
-                f"an MPC with horizon {self._options.horizon} reads observations of shape "
-                f"(n, {expected}), got {obs.shape}"
+                f"an MPC with horizon {self._mpc.options.horizon} reads observations of shape "
+                f"(n, {self._length}), got {obs.shape}"
             )
-        values = np.empty((n, SPACE.dimension + 1))
-        values[:, :-1] = np.concatenate([params[name] for name in SPACE.names]).reshape(-1, n).T
-        values[:, -1] = FIXED_STAGE_U
-        theta = values[:, : len(_MODEL)].copy()
-        state = obs[:, :6].copy()
-        guess = shifted(memory["plan"]) if memory else np.zeros((n, self._options.horizon, 2))
-        plan = self._search.plan(theta, state, self._objective(values, obs), guess)
-        actions = plan.inputs[:, 0].copy()
-        diagnostics = plan.diagnostics(self._model.predict(theta, state, actions))
-        return actions, ({"plan": plan.inputs} if memory else memory), diagnostics
+        return self._mpc.act({to: params[name] for to, name in self._read.items()}, obs, memory)
 
     def export(
         self, parameters: Mapping[str, float], path: str | Path, observation: int | None = None
@@ -135,84 +143,9 @@ class TrackingMpc:
         Raises:
             ConfigError: If it solves programmes until they converge.
         """
-        from zoac.mpc.export.code import write_c
-        from zoac.mpc.export.embedded import EmbeddedMpc, linear_in, model_step
-
-        values = np.array([*(parameters[name] for name in SPACE.names), FIXED_STAGE_U])
-        length = 6 + 3 * self._options.horizon
-        objective, reference, preview = linear_in(
-            lambda obs: self._objective(np.tile(values, (len(obs), 1)), obs), length
-        )
-        return write_c(
-            EmbeddedMpc(
-                step=model_step(self._model, values[: len(_MODEL)]),
-                options=self._options,
-                observation=length,
-                state=list(range(6)),
-                before=[],
-                initial_input=np.zeros(2),
-                objective=objective,
-                reference=reference,
-                preview=preview,
-                box=(self._model.input_low, self._model.input_high),
-            ),
-            path,
-        )
-
-    def _objective(self, values: np.ndarray, obs: np.ndarray) -> Objective:
-        n, horizon = len(obs), self._options.horizon
-        objective = Objective(
-            reference=np.zeros((n, horizon, 6)),
-            state_weights=np.empty((n, horizon, 6)),
-            input_weights=np.empty((n, horizon, 2)),
-        )
-        _write_objective(
-            obs,
-            values,
-            self._columns,
-            self._discounts,
-            objective.reference,
-            objective.state_weights,
-            objective.input_weights,
-        )
-        if not self._bounded:
-            return objective
-        return replace(objective, bounds=self._state_bounds(values[:, self._columns[0]]))
-
-    def _state_bounds(self, weights: np.ndarray) -> StateBounds:
-        """Return the bounds on the states of n environments, given their stage weights (n, 6)."""
-        options, ones = self._options, np.ones((len(weights), 6))
-        price = options.state_penalty
-        penalty = ones * (PENALTY * weights.max(axis=1)[:, None] if price is None else price)
-        penalty = np.full_like(ones, np.inf) if options.state_bounds == "hard" else penalty
-        return StateBounds(ones * self._low, ones * self._high, penalty)
+        given = {to: parameters[name] for to, name in self._read.items()}
+        return self._mpc.export(given, path, self._length)
 
 
-def _by_state(option: str, given: Mapping[str, float] | None, absent: float) -> np.ndarray:
-    """Return bounds (6,) from those given by name."""
-    bounds = by_name(f"mpc.{option}", given, STATES)
-    return np.array([bounds.get(name, absent) for name in STATES], dtype=np.float64)
-
-
-@compiled()
-def _write_objective(
-    obs: np.ndarray,
-    values: np.ndarray,
-    columns: tuple[np.ndarray, np.ndarray, np.ndarray],
-    discounts: np.ndarray,
-    reference: np.ndarray,
-    state_weights: np.ndarray,
-    input_weights: np.ndarray,
-) -> None:
-    stage, terminal, inputs = columns
-    n, horizon, _ = reference.shape
-    for env_index in range(n):
-        for k in range(horizon):
-            for i in range(3):
-                reference[env_index, k, i] = obs[env_index, 6 + 3 * k + i]
-            reference[env_index, k, 3] = SPEED
-            weights = stage if k < horizon - 1 else terminal
-            for i in range(6):
-                state_weights[env_index, k, i] = values[env_index, weights[i]] * discounts[k + 1]
-            for i in range(2):
-                input_weights[env_index, k, i] = values[env_index, inputs[i]] * discounts[k]
+class _UndampedMpc(Mpc):
+    undamped = MAX_LINEARISATIONS

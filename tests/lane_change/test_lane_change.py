@@ -58,8 +58,8 @@ def test_changing_environments_brings_the_other_environments_cars_ahead():
 
 
 def test_tuning_and_analysis_know_whole_numbers_and_options(tmp_path):
-    result = zoac.tune(task="lane_change", tuner="random", budget=1500, num_envs=4, quiet=True,
-                       eval_every=1500, episodes=1, final_episodes=2, folder=tmp_path)  # fmt: skip
+    result = zoac.tune(task="lane_change", tuner="random", budget=600, num_envs=2, quiet=True,
+                       eval_every=600, episodes=1, final_episodes=1, folder=tmp_path)  # fmt: skip
     assert isinstance(result.parameters["patience"], int)
     assert result.parameters["better"] in ("speed", "gap")
     assert zoac.load_result(tmp_path).controller()(GOOD[0]).shape == (2,)

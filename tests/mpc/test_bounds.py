@@ -23,7 +23,8 @@ from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.solvers.cvxpy_qp import CvxpySolver
 
 INF = np.inf
-SOLVERS = [ClarabelSolver, CvxpySolver]
+SOLVERS = [ClarabelSolver(), CvxpySolver()]
+CLARABEL, CVXPY = SOLVERS
 
 
 def bounded(problem: LinearisedProblem, low, high, penalty) -> LinearisedProblem:
@@ -91,7 +92,7 @@ def kkt_residual(problem: LinearisedProblem, inputs: np.ndarray, i: int) -> floa
     return float(left / max(size, np.abs(gradient).max()))
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("solver", SOLVERS, ids=["clarabel", "cvxpy"])
 @pytest.mark.parametrize(
     "problem",
     [
@@ -101,8 +102,8 @@ def kkt_residual(problem: LinearisedProblem, inputs: np.ndarray, i: int) -> floa
     ],
 )
 def test_plans_satisfy_the_optimality_conditions(solver, problem) -> None:
-    problem = problem if solver is ClarabelSolver else problem.take(slice(0, 8))
-    answer = solver().solve(problem)
+    problem = problem if solver is CLARABEL else problem.take(slice(0, 8))
+    answer = solver.solve(problem)
     solved = answer.status == Status.SOLVED
     assert (solved | (answer.status == Status.INFEASIBLE)).all()
     assert solved.mean() > 0.4
@@ -113,7 +114,7 @@ def test_plans_satisfy_the_optimality_conditions(solver, problem) -> None:
 
 def test_the_conditions_notice_a_plan_beside_the_optimum() -> None:
     problem = dense()
-    answer = ClarabelSolver().solve(problem)
+    answer = CLARABEL.solve(problem)
     off = answer.inputs + 0.02 * (0.0 - answer.inputs)
     assert min(kkt_residual(problem, off, i) for i in range(len(off))) > 1e-3
 
@@ -126,7 +127,7 @@ def test_the_formulation_is_dpp() -> None:
 
 def test_both_paths_find_the_same_plans() -> None:
     problem = vehicles(12, 1e3)
-    fast, plain = ClarabelSolver().solve(problem), CvxpySolver().solve(problem)
+    fast, plain = CLARABEL.solve(problem), CVXPY.solve(problem)
     np.testing.assert_array_equal(fast.status, plain.status)
     np.testing.assert_allclose(fast.inputs, plain.inputs, atol=1e-5)
 
@@ -135,8 +136,8 @@ def test_bounds_that_are_far_change_nothing() -> None:
     problem = vehicles()
     low = np.where(np.isfinite(problem.bounds.low), -1e3, -INF)
     far = replace(problem, bounds=StateBounds(low, -low, problem.bounds.penalty))
-    free = ClarabelSolver().solve(replace(problem, bounds=None))
-    plans = ClarabelSolver().solve(far)
+    free = CLARABEL.solve(replace(problem, bounds=None))
+    plans = CLARABEL.solve(far)
     np.testing.assert_allclose(
         objective(problem, plans.inputs), objective(problem, free.inputs), rtol=1e-7
     )
@@ -146,10 +147,10 @@ def test_a_soft_bound_always_has_a_plan_and_a_hard_one_says_that_it_has_none() -
     """The first state starts far beyond; nothing brings it back within one step."""
     problem = dense()
     problem = replace(problem, states=problem.states + 5.0)
-    assert (Attempt(ClarabelSolver(), problem).status == Status.SOLVED).all()
+    assert (Attempt(CLARABEL, problem).status == Status.SOLVED).all()
     hard = bounded(problem, (-1.0, -INF, -0.5), (1.0, 0.8, INF), (INF, INF, INF))
     for solver in SOLVERS:
-        status = Attempt(solver(), hard.take(slice(0, 5))).status
+        status = Attempt(solver, hard.take(slice(0, 5))).status
         np.testing.assert_array_equal(status, Status.INFEASIBLE)
 
 
@@ -160,13 +161,13 @@ def test_a_penalty_above_the_multiplier_keeps_the_bound_exactly() -> None:
     """
     problem = integrator(input_weight=1e-6)
     for penalty, reached in ((2.0, 0.5), (INF, 0.5), (0.5, 0.75)):
-        plans = ClarabelSolver().solve(bounded(problem, [-INF], [0.5], [penalty])).inputs
+        plans = CLARABEL.solve(bounded(problem, [-INF], [0.5], [penalty])).inputs
         np.testing.assert_allclose(plans[0, :, 0], [reached, 0.0], atol=1e-5)
 
 
 def test_what_is_said_to_be_solved_is_proven_and_nothing_beside_it() -> None:
     problem = vehicles()
-    plans = ClarabelSolver().solve(problem)
+    plans = CLARABEL.solve(problem)
     assert (plans.status == Status.SOLVED).all()
     assert not is_optimal(problem, plans.inputs).all()  # the multipliers belong to the proof
     middle = 0.5 * (problem.input_low + problem.input_high)

@@ -10,7 +10,7 @@ import pytest
 from gymnasium.spaces import Box
 
 import zoac
-from tests.mpc.systems import SYSTEMS, cart_pole
+from tests.mpc.systems import SOLVER, SYSTEMS, cart_pole
 from zoac.core.errors import ConfigError, ControllerError
 from zoac.mpc import CasadiModel, FunctionModel, Mpc
 from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
@@ -25,7 +25,7 @@ class Compiled:
     """An exported controller, compiled."""
 
     def __init__(self, source, inputs):
-        flags = ["-std=c99", "-pedantic", "-Wall", "-O1", "-shared", "-fPIC", "-lm"]
+        flags = ["-std=c99", "-pedantic", "-Wall", "-O0", "-shared", "-fPIC", "-lm"]
         library = source.with_suffix(".so")
         subprocess.run(["gcc", str(source), *flags, "-o", str(library)], check=True)
         undefined = subprocess.run(["nm", "-uD", str(library)], capture_output=True, text=True)
@@ -68,8 +68,8 @@ def width(mpc):
 @pytest.mark.parametrize(
     ("system", "changes", "tuned"),
     [
-        ("cart-pole", {"linearisations": 1, "initial_guess": "shifted"}, {}),
-        ("cart-pole", {"linearisations": 2}, {"weight_angle": 30.0, "pole": 0.15, "discount": 0.9}),
+        ("cart-pole", {"linearisations": 2, "initial_guess": "shifted"},
+         {"weight_angle": 30.0, "pole": 0.15, "discount": 0.9}),
         ("cart-pole", {"linearisations": 1, "terminal": None, "hard": ["position"],
                        "penalty": {"angle": 50.0}}, {"high_force": 7.0, "max_rate_force": 4.0}),
         ("vehicle", {"linearisations": 2}, {"m": 1300.0, "high_v": 0.1, "weight_delta": 0.5}),
@@ -79,12 +79,12 @@ def width(mpc):
     ],
 )  # fmt: skip
 def test_the_c_replays_a_logged_closed_loop(system, changes, tuned, tmp_path):
-    of_system = SYSTEMS[system](4, 5, **changes)
+    of_system = SYSTEMS[system](2, 5, **changes)
     mpc = of_system.mpc
     starts = of_system.observations
     compiled = exported(mpc, tmp_path, tuned, starts.shape[1])
     params = {name: np.full(1, value) for name, value in tuned.items()}
-    for begins, obs, action, failed in logged(mpc, starts, 12, params):
+    for begins, obs, action, failed in logged(mpc, starts, 6, params):
         if begins:
             compiled.reset()
         found, told = compiled(obs)
@@ -110,11 +110,11 @@ def test_where_no_plan_is_found_the_inputs_rest_is_applied(tmp_path):
 
 
 @needs_gcc
-@pytest.mark.parametrize("torque", [2.0, 5.0, 8.0, -20.0], ids=lambda torque: f"{torque} N m")
+@pytest.mark.parametrize("torque", [2.0, -20.0], ids=lambda torque: f"{torque} N m")
 def test_references_of_inputs_need_no_rates_and_may_be_out_of_reach(torque, tmp_path):
     mpc = rod_mpc(reference={"torque": torque}, linearisations=1)
     compiled = exported(mpc, tmp_path)
-    for obs in np.random.default_rng(0).uniform(-0.6, 0.6, (100, 2)):
+    for obs in np.random.default_rng(0).uniform(-0.6, 0.6, (40, 2)):
         wanted = mpc.act({}, obs[None], mpc.init(1))[0][0]
         found, failed = compiled(obs)
         assert failed == 0
@@ -159,7 +159,7 @@ def test_the_papers_controller_is_exported_from_its_run_folder(tmp_path):
     compiled = Compiled(result.export(tmp_path / "controller.c"), 2)
     controller, env = result.controller(), zoac.make_task("mpc_tracking").make_env(1)
     obs, _ = env.reset(seed=3)
-    for _ in range(30):
+    for _ in range(8):
         action = controller(obs[0])
         found, failed = compiled(obs[0])
         assert failed == 0
@@ -196,8 +196,8 @@ WEIGHTS = {"angle": 10.0, "rate": 1.0, "torque": 0.1}
 
 def rod_mpc(model=None, **options):
     model = CasadiModel(*NAMES, step=rod) if model is None else model
-    given = {"weights": WEIGHTS, "bounds": {"torque": (-5.0, 5.0), "rate": (-1.0, 1.0)}}
-    return Mpc(model, 5, **{**given, **options})
+    bounds = {"torque": (-5.0, 5.0), "rate": (-1.0, 1.0)}
+    return Mpc(model, 5, **{"weights": WEIGHTS, "bounds": bounds, "solver": SOLVER, **options})
 
 
 @needs_gcc

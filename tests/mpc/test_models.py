@@ -20,13 +20,11 @@ NAMES = {
     "parameters": {"cart": 1.0, "pole": 0.1, "half": 0.5},
 }
 CART_POLE = {**NAMES, "derivative": cart_pole_derivative, "sample_time": 0.02, "substeps": 2}
-COMPILED = {**CART_POLE, "derivative": numba.njit(cart_pole_derivative)}
 MODELS = {
     "casadi": CasadiModel(**CART_POLE),
     "complex": FunctionModel(**CART_POLE),
     "finite": FunctionModel(**CART_POLE, jacobians="finite"),
-    "numba": FunctionModel(**COMPILED),
-    "numba, finite": FunctionModel(**COMPILED, jacobians="finite"),
+    "numba": FunctionModel(**CART_POLE | {"derivative": numba.njit(cart_pole_derivative)}),
 }
 
 

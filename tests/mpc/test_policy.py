@@ -65,8 +65,9 @@ def search(solver, linearisations=3, start=(0.3, -0.2, 0.5), gravity=0.4) -> Pla
     angle = np.array(start)
     n = len(angle)
     objective = Objective(
-        np.zeros((n, HORIZON, 2)), np.ones((n, HORIZON, 2)), np.full((n, HORIZON, 1), 0.1)
-    )
+        np.zeros((n, HORIZON, 2)), np.ones((n, HORIZON, 2)), np.full((n, HORIZON, 1), 0.1),
+        np.full((n, 1), 0.25),
+    )  # fmt: skip
     return SequentialQp(Pendulum(), solver, linearisations).plan(
         np.full((n, 1), gravity),
         np.stack([angle, np.zeros(n)], axis=1),
@@ -143,9 +144,9 @@ def test_after_two_failures_the_last_plan_that_solved_is_kept() -> None:
     np.testing.assert_array_equal(plan.linearisations, [3, 2, 3])
 
 
-def test_without_a_plan_that_solved_the_input_is_zero() -> None:
+def test_without_a_plan_that_solved_the_input_is_at_rest() -> None:
     plan = search(Scripted(always(Status.ITERATION_LIMIT)))
-    np.testing.assert_array_equal(plan.inputs, 0.0)
+    np.testing.assert_array_equal(plan.inputs, 0.25)
     np.testing.assert_array_equal(plan.status, Status.ITERATION_LIMIT)
 
 
@@ -154,7 +155,7 @@ def test_problems_that_are_not_finite_never_reach_the_solver() -> None:
     plan = search(solver, start=(0.3, np.nan, 0.5))
     assert all(np.isfinite(problem.states).all() for problem, _ in solver.calls)
     assert not any(robust for _, robust in solver.calls)
-    np.testing.assert_array_equal(plan.inputs[1], 0.0)
+    np.testing.assert_array_equal(plan.inputs[1], 0.25)
     np.testing.assert_array_equal(plan.status, [0, Status.NOT_FINITE, 0])
     np.testing.assert_allclose(plan.inputs[[0, 2], 0, 0], [0.6, 0.8])
 
@@ -232,6 +233,7 @@ def test_until_converged_is_the_nonlinear_optimum_whatever_the_bounds(
         np.tile(goal, (1, horizon, 1)),
         np.tile(weights, (1, horizon, 1)),
         np.full((1, horizon, 2), 0.1) / unit**2,
+        np.zeros((1, 2)),
     )
     start, theta = np.array([[0.0, 2.0, 1.0, 15.0, 1.0, 1.0]]), np.array([TRUE_PARAMETERS])
     guess = np.tile(np.clip(0.0, model.input_low, model.input_high), (1, horizon, 1))

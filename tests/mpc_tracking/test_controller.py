@@ -10,7 +10,7 @@ from zoac.mpc.solvers.clarabel_qp import ClarabelSolver
 from zoac.mpc.sqp import MpcOptions
 from zoac.tasks.mpc_tracking import MpcTrackingVecEnv, TrackingMpc
 from zoac.tasks.mpc_tracking.controller import NOMINAL, SPACE
-from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH, INPUT_LOW
+from zoac.tasks.mpc_tracking.vehicle import INPUT_HIGH, INPUT_LOW, BicycleModel
 
 N = 24
 SOLVER = ClarabelSolver()
@@ -20,10 +20,12 @@ class Recorder:
     """Keeps a copy of the last problem; answers zero input."""
 
     screens = False
+    bounds_states = True
 
     def solve(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
         names = ("a", "b", "states", "reference", "state_weights", "input_weights")
         self.problem = {name: getattr(problem, name).copy() for name in names}
+        self.bounds = problem.bounds
         n = len(problem.inputs)
         return Solution(np.zeros_like(problem.inputs), np.zeros(n, np.int8), np.ones(n, np.int64))
 
@@ -123,6 +125,21 @@ def test_aliased_weights_are_read_two_places_early(observations) -> None:
     np.testing.assert_allclose(terminal, 0.99**25 * np.array([12, 13, 6, 7, 8, 9]))
 
 
+@pytest.mark.parametrize(
+    ("options", "penalty"),
+    [({}, 1e3 * 0.1), ({"state_penalty": 9.0}, 9.0), ({"state_bounds": "hard"}, np.inf)],
+)
+def test_bounds_on_states_stand_in_the_programme(observations, options, penalty) -> None:
+    recorder = Recorder()
+    sides = {"state_low": {"v": -0.3}, "state_high": {"v": 0.2, "u": 19.0}}
+    mpc = TrackingMpc(recorder, MpcOptions(**sides, **options))
+    mpc.act(nominal(), observations, {})
+    bounds = recorder.bounds
+    np.testing.assert_array_equal(bounds.low[3], [-np.inf] * 4 + [-0.3, -np.inf])
+    np.testing.assert_array_equal(bounds.high[3], [np.inf] * 3 + [19.0, 0.2, np.inf])
+    np.testing.assert_allclose(bounds.penalty[3, 3:5], penalty)
+
+
 def test_the_true_model_predicts_the_plant() -> None:
     envs = MpcTrackingVecEnv(N)
     observations, _ = envs.reset(seed=5)
@@ -171,7 +188,7 @@ def test_shifted_plan_begins_with_last_steps_plan_one_step_on(observations) -> N
     memory = mpc.act(nominal(), observations, {"plan": plan})[1]
     shifted = np.concatenate([plan[:, 1:], plan[:, -1:]], axis=1)
     theta = np.tile(list(NOMINAL.values())[:6], (N, 1))
-    expected = mpc._model.linearise(theta, observations[:, :6], shifted)[0]
+    expected = BicycleModel().linearise(theta, observations[:, :6], shifted)[0]
     np.testing.assert_array_equal(solver.problem["states"], expected)
     np.testing.assert_array_equal(memory["plan"], np.zeros((N, 25, 2)))  # what was solved for
     assert {name: value.shape for name, value in mpc.init(3).items()} == {"plan": (3, 25, 2)}

@@ -42,7 +42,9 @@ def test_rollout_and_jacobians_agree_with_automatic_differentiation(points, orac
 def test_prediction_is_the_first_step_of_the_rollout(points) -> None:
     theta, start, inputs = points
     states, _, _ = BicycleModel().linearise(theta, start, inputs)
-    np.testing.assert_array_equal(BicycleModel().predict(theta, start, inputs[:, 0]), states[:, 1])
+    np.testing.assert_array_equal(
+        BicycleModel().predict(theta, start, inputs[:, 0].copy()), states[:, 1]
+    )
 
 
 def test_sparsity_is_exactly_where_the_jacobians_can_differ_from_zero(points) -> None:

@@ -6,7 +6,7 @@ import time
 import numpy as np
 
 from zoac.core.types import all_finite
-from zoac.mpc.problem import LinearisedProblem, Solution, Solver, Status
+from zoac.mpc.problem import LinearisedProblem, Solver, Status
 
 # As plain numbers: comparing an array with a member of an enum takes five times as long.
 _SOLVED, _NOT_FINITE = int(Status.SOLVED), int(Status.NOT_FINITE)
@@ -17,39 +17,33 @@ _log = logging.getLogger(__name__)
 class Attempt:
     """One solve of n problems; what failed is solved once more, carefully.
 
-    Problems that are not finite never reach a solver that does not screen them itself.
+    Problems that are not finite never reach a solver that does not screen them itself. `retried` is
+    None where all were solved at once.
     """
 
     def __init__(self, solver: Solver, problem: LinearisedProblem) -> None:
-        self._solver = solver
-        self._problem = problem
-        self.seconds = 0.0
+        began, n = time.perf_counter(), len(problem.inputs)
         if solver.screens or all(map(all_finite, problem.data)):
-            answer = self._timed(problem)
+            answer = solver.solve(problem)
             self.inputs, self.status = answer.inputs, answer.status
         else:
-            n = len(problem.inputs)
             finite = [np.isfinite(array.reshape(n, -1)).all(axis=1) for array in problem.data]
             self.inputs = np.zeros_like(problem.inputs)
             self.status = np.full(n, _NOT_FINITE, dtype=np.int8)
-            self._solve_some(np.all(finite, axis=0), robust=False)
-        self.troubled = np.count_nonzero(self.status) > 0  # SOLVED is zero
-        if self.troubled:
+            self._solve_some(solver, problem, np.all(finite, axis=0), robust=False)
+        self.retried: np.ndarray | None = None
+        if np.count_nonzero(self.status):  # SOLVED is zero
             self.retried = (self.status != _SOLVED) & (self.status != _NOT_FINITE)
-            self._solve_some(self.retried, robust=True)
+            self._solve_some(solver, problem, self.retried, robust=True)
             for env_index in np.flatnonzero(self.status):
                 sentence = Status(self.status[env_index]).sentence
-                _log.info("row %d of %d: %s", env_index, len(self.status), sentence)
+                _log.info("row %d of %d: %s", env_index, n, sentence)
+        self.seconds = time.perf_counter() - began
 
-    def _solve_some(self, mask: np.ndarray, robust: bool) -> None:
+    def _solve_some(
+        self, solver: Solver, problem: LinearisedProblem, mask: np.ndarray, robust: bool
+    ) -> None:
         if mask.any():
-            answer = self._timed(self._problem.take(mask), robust)
+            answer = solver.solve(problem.take(mask), robust)
             self.inputs, self.status = self.inputs.copy(), self.status.copy()
-            self.inputs[mask] = answer.inputs
-            self.status[mask] = answer.status
-
-    def _timed(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
-        began = time.perf_counter()
-        answer = self._solver.solve(problem, robust)
-        self.seconds += time.perf_counter() - began
-        return answer
+            self.inputs[mask], self.status[mask] = answer.inputs, answer.status

@@ -7,19 +7,23 @@ from typing import Any
 import numba
 from numba.core import event
 
-_told: list[bool] = []
+_said: set[str] = set()
+
+
+def _say_once(about: str, text: str) -> None:
+    """Say something on standard error, once a process."""
+    if about not in _said and sys.stderr is not None:
+        _said.add(about)
+        print(text, file=sys.stderr)
 
 
 class _Announcement(event.Listener):
-    """Say on standard error, once a process, that zoac's functions are being compiled."""
-
-    told = False
+    """Say that zoac's functions are being compiled."""
 
     def on_start(self, event: event.Event) -> None:
         module = event.data["dispatcher"].py_func.__module__ or ""
-        if not self.told and module.startswith("zoac.") and sys.stderr is not None:
-            self.told = True
-            print("compiling, for up to a minute; later runs find it done...", file=sys.stderr)
+        if module.startswith("zoac."):
+            _say_once("start", "compiling, for up to a minute; later runs find it done...")
 
     def on_end(self, event: event.Event) -> None:
         pass
@@ -39,13 +43,11 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any
         try:
             return numba.njit(cache=True, **options)(function)
         except RuntimeError as error:  # no place for a cache
-            if not _told and sys.stderr is not None:
-                print(
-                    f"compiled code cannot be kept on disk ({error}), so that every process "
-                    "compiles anew; set NUMBA_CACHE_DIR to a folder that can be written to",
-                    file=sys.stderr,
-                )
-                _told.append(True)
+            _say_once(
+                "no cache",
+                f"compiled code cannot be kept on disk ({error}), so that every process "
+                "compiles anew; set NUMBA_CACHE_DIR to a folder that can be written to",
+            )
             return numba.njit(**options)(function)
 
     return decorate

@@ -23,7 +23,9 @@ from functools import lru_cache
 import cvxpy as cp
 import numpy as np
 
-from zoac.mpc.problem import LinearisedProblem
+from zoac.mpc.problem import LinearisedProblem, Sparsity
+
+Entries = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +48,8 @@ class Layout:
     horizon: int
     nx: int
     nu: int
-    a: tuple[tuple[int, int], ...]
-    b: tuple[tuple[int, int], ...]
+    a: Entries
+    b: Entries
     low: tuple[bool, ...]
     high: tuple[bool, ...]
     state_low: tuple[int, ...] = ()
@@ -58,12 +60,9 @@ class Layout:
     def of(cls, problem: LinearisedProblem) -> Layout:
         """Return the layout of `problem`."""
         _, horizon, nx, nu = problem.b.shape
-        sparsity = problem.sparsity
-        a, b = b"\1" * (nx * nx), b"\1" * (nx * nu)
-        if sparsity is not None:
-            a, b = sparsity.a.tobytes(), sparsity.b.tobytes()
-        bounds = np.isfinite((problem.input_low, problem.input_high)).tobytes()
-        layout = _layout(horizon, nx, nu, a, b, bounds)
+        a, b = _entries(problem.sparsity, nx, nu)
+        low, high = (tuple(np.isfinite(side).tolist()) for side in problem.box)
+        layout = cls(horizon, nx, nu, a, b, low, high)
         if (given := problem.bounds) is None:
             return layout
         bounded = np.isfinite((given.low[0], given.high[0]))
@@ -90,12 +89,10 @@ class Layout:
 
 
 @lru_cache
-def _layout(horizon: int, nx: int, nu: int, a: bytes, b: bytes, bounds: bytes) -> Layout:
-    def entries(mask: bytes, columns: int) -> tuple[tuple[int, int], ...]:
-        return tuple(divmod(place, columns) for place, nonzero in enumerate(mask) if nonzero)
-
-    finite = tuple(map(bool, bounds))
-    return Layout(horizon, nx, nu, entries(a, nx), entries(b, nu), finite[:nu], finite[nu:])
+def _entries(sparsity: Sparsity | None, nx: int, nu: int) -> list[Entries]:
+    full = np.ones((nx, nx)), np.ones((nx, nu))
+    masks = full if sparsity is None else (sparsity.a, sparsity.b)
+    return [tuple((i, j) for i, j in np.argwhere(mask).tolist()) for mask in masks]
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,22 +101,18 @@ class Formulation:
 
     Args:
         problem: The problem.
-        dynamics: Flat parameter: each entry of a over k = 1..N-1, each entry of b over
-            k = 0..N-1, each component of the gap over k, then low and high.
-        weights: Flat nonnegative parameter: w (N, nx), then r (N, nu), component by component.
-        errors: Variable (N, nx).
+        parameters: By name, each flat: "dynamics": each entry of a over k = 1..N-1, each entry of
+            b over k = 0..N-1, each component of the gap over k, then low and high; "weights": w
+            (N, nx), then r (N, nu), component by component, nonnegative; "bounds", if states are
+            bounded: each lower bound less the reference over k, each upper one likewise, then the
+            penalties.
         inputs: Variable (N, nu).
-        bounds: Flat parameter, if states are bounded: each lower bound less the reference over k,
-            each upper one likewise, then the penalties.
         of_bounds: The constraints of lower and upper bounds, in the order of the layout.
     """
 
     problem: cp.Problem
-    dynamics: cp.Parameter
-    weights: cp.Parameter
-    errors: cp.Variable
+    parameters: dict[str, cp.Parameter]
     inputs: cp.Variable
-    bounds: cp.Parameter | None
     of_bounds: tuple[list[cp.Constraint], list[cp.Constraint]]
 
 
@@ -161,17 +154,18 @@ def build_problem(layout: Layout) -> Formulation:
         cp.sum(cp.multiply(read.next(variable.size, variable.shape), cp.square(variable)))
         for variable in (errors, inputs)
     ]
-    bounds, below, above = None, [], []
+    parameters = {"dynamics": dynamics, "weights": weights}
+    below, above = [], []
     if layout.bounds_size:
-        bounds = cp.Parameter(layout.bounds_size, name="bounds")
-        read = _Slices(bounds)
+        parameters["bounds"] = cp.Parameter(layout.bounds_size, name="bounds")
+        read = _Slices(parameters["bounds"])
         slacks = {i: cp.Variable(horizon, name=f"slack_{i}") for i in layout.soft}
         below = [errors[:, i] >= read.next(horizon) - slacks.get(i, 0.0) for i in layout.state_low]
         above = [errors[:, i] <= read.next(horizon) + slacks.get(i, 0.0) for i in layout.state_high]
         cost += [read.next(1) * cp.sum(slack) for slack in slacks.values()]
         constraints += [*below, *above, *(slack >= 0 for slack in slacks.values())]
     problem = cp.Problem(cp.Minimize(sum(cost)), constraints)
-    return Formulation(problem, dynamics, weights, errors, inputs, bounds, (below, above))
+    return Formulation(problem, parameters, inputs, (below, above))
 
 
 class _Slices:

@@ -107,15 +107,15 @@ class Objective:
         reference: (n, N, nx), for x_1 .. x_N.
         state_weights: (n, N, nx), discounts included.
         input_weights: (n, N, nu), discounts included.
+        rest: (n, nu), inputs inside the box, applied where no programme was solved.
         bounds: On the states; None: none.
-        rest: (n, nu), inputs applied where no programme was solved, clipped to the box; None: 0.
     """
 
     reference: np.ndarray
     state_weights: np.ndarray
     input_weights: np.ndarray
+    rest: np.ndarray
     bounds: StateBounds | None = None
-    rest: np.ndarray | None = None
 
     def take(self, rows: np.ndarray) -> Objective:
         """Return those of some environments, by mask or index."""
@@ -123,8 +123,8 @@ class Objective:
             self.reference[rows],
             self.state_weights[rows],
             self.input_weights[rows],
+            self.rest[rows],
             None if self.bounds is None else self.bounds.take(rows),
-            None if self.rest is None else self.rest[rows],
         )
 
 
@@ -196,49 +196,41 @@ class SequentialQp:
         """Plan from `start` (n, nx), beginning with `guess` (n, N, nu).
 
         An environment whose solve fails twice keeps the last plan of this call that did solve, else
-        zero input or what `objective.rest` says (clipped to the box), and stops there.
+        `objective.rest`, and stops there.
 
         Raises:
             ConfigError: In the first call, if the model's Jacobians are not as sparse as it says.
         """
-        n = len(start)
-        inputs = np.empty_like(guess)
-        status = np.empty(n, dtype=np.int8)
-        retried = np.zeros(n, dtype=bool)
-        count = np.empty(n, dtype=np.int64)
-        seconds = 0.0
-        env_indices: slice | np.ndarray = slice(None)  # those that go on; below, only they
-        before = guess
+        n, seconds = len(start), 0.0
+        inputs, status = np.empty_like(guess), np.empty(n, dtype=np.int8)
+        retried, count = np.zeros(n, dtype=bool), np.empty(n, dtype=np.int64)
+        on, before = np.arange(n), guess  # environments that go on; below, only they
         for posed in range(1, self._limit + 1):
             problem = self._linearise(theta, start, objective, before)
             if problem.sparsity is not None and not self._checked:
                 problem.sparsity.check(problem.a, problem.b)
                 self._checked = True
             attempt = Attempt(self._solver, problem)
-            after, ends = attempt.inputs, None
             seconds += attempt.seconds
-            if attempt.troubled:
+            after, ends = attempt.inputs, np.zeros(len(on), dtype=bool)
+            if attempt.retried is not None:
                 ends = attempt.status != _SOLVED
-                retried[env_indices] |= attempt.retried
-                rest = 0.0 if objective.rest is None else objective.rest[:, None]
-                rest = np.clip(rest, problem.input_low, problem.input_high)
-                after = np.where(ends[:, None, None], rest if posed == 1 else before, after)
+                retried[on] |= attempt.retried
+                last = objective.rest[:, None] if posed == 1 else before
+                after = np.where(ends[:, None, None], last, after)
             if self._until_converged:
                 change = np.abs(after - before)
-                stands = (change <= CONVERGED * self._scale(problem, after)).all((1, 2))
-                ends = stands if ends is None else ends | stands
-            following = after if posed < self._undamped else 0.5 * (before + after)
-            if posed < self._limit and (ends is None or not ends.any()):
-                before = following
-                continue
-            inputs[env_indices], status[env_indices] = after, attempt.status
-            count[env_indices] = posed
-            if posed == self._limit or ends is None or ends.all():
-                break
-            on = ~ends
-            env_indices = np.arange(n)[env_indices][on]
-            theta, start, before = theta[on], start[on], following[on]
-            objective = objective.take(on)
+                ends |= (change <= CONVERGED * self._scale(problem, after)).all((1, 2))
+            if posed == self._limit:
+                ends[:] = True
+            before = after if posed < self._undamped else 0.5 * (before + after)
+            if np.count_nonzero(ends):
+                done, more = on[ends], ~ends
+                inputs[done], status[done], count[done] = after[ends], attempt.status[ends], posed
+                if ends.all():
+                    break
+                on, theta, start, before = on[more], theta[more], start[more], before[more]
+                objective = objective.take(more)
         return Plan(inputs, status, retried, count, seconds)
 
     def _scale(self, problem: LinearisedProblem, plan: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from zoac.core.controller import Diagnostics, Memory, Parameters
 from zoac.core.errors import ConfigError, ControllerError, suggest
 from zoac.mpc.controller.numbers import Numbers, by_name
 from zoac.mpc.controller.outputs import ModelWithOutputs
-from zoac.mpc.controller.programme import Programme
+from zoac.mpc.controller.programme import Programme, Weighed
 from zoac.mpc.controller.reference import Reference
 from zoac.mpc.models.dynamics import made_of
 from zoac.mpc.problem import Solver
@@ -23,9 +23,6 @@ SOLVERS = {
     "riccati": "riccati.Riccati",
 }
 """Name -> module and class; each loads its own library."""
-
-UNDAMPED = 10
-"""Linearisations after which plans are averaged; see `SequentialQp`."""
 
 Weights = Mapping[str | tuple[str, str], float]
 Bounds = tuple[float | None, float | None]
@@ -45,6 +42,9 @@ class Mpc:
 
     by sequential quadratic programmes (`zoac.mpc.sqp`), and returns the first input.
     """
+
+    undamped: ClassVar[int] = 10
+    """Linearisations after which plans are averaged; see `SequentialQp`."""
 
     def __init__(
         self,
@@ -124,6 +124,7 @@ class Mpc:
         """The input (nu,) before the first step."""
         self._solver = _solver(solver)
         self._searches: dict[frozenset[str], tuple[ModelWithOutputs, SequentialQp]] = {}
+        self._last: tuple[Any, Weighed, SequentialQp] | None = None
         self._search(frozenset())
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -172,21 +173,18 @@ class Mpc:
         Raises:
             ControllerError: If observations do not fit the model or the reference.
         """
-        n, programme = len(obs), self.programme
-        values = self.numbers.rows(params, n)
+        programme = self.programme
+        weighed, search = self._weigh(params, len(obs))
         state = self._state(obs)
-        reference, rest = self.reference(obs, values)
-        tuned = programme.tuned_bounds(params)
-        outputs, search = self._search(tuned)
-        objective, theta = programme.objective(outputs, values, reference, rest, tuned)
-        before = memory.get("input", np.empty((n, 0)))
-        start = np.zeros((n, outputs.size))
-        start[:, outputs.states], start[:, outputs.before] = state, before[:, programme.rates]
-        plan = search.plan(theta, start, objective, self._guess(programme.clip(rest), memory))
+        objective, theta = programme.objective(weighed, *self.reference(obs, weighed.values))
+        start = np.zeros((len(obs), weighed.outputs.size))
+        start[:, weighed.outputs.states] = state
+        if programme.rates:
+            start[:, weighed.outputs.before] = memory["input"][:, programme.rates]
+        plan = search.plan(theta, start, objective, self._guess(objective.rest, memory))
         actions = plan.inputs[:, 0].copy()
         after = {"plan": plan.inputs, "input": actions}
-        own = theta[:, : len(self.model.parameters)].copy()
-        diagnostics = plan.diagnostics(self.model.predict(own, state, actions))
+        diagnostics = plan.diagnostics(self.model.predict(weighed.theta, state, actions))
         return actions, {name: after[name] for name in memory}, diagnostics
 
     def export(
@@ -210,12 +208,22 @@ class Mpc:
 
         return write_c(of_mpc(self, parameters, observation), path)
 
+    def _weigh(self, params: Parameters, n: int) -> tuple[Weighed, SequentialQp]:
+        """Return weights and search, those of the last call while parameters stay the same."""
+        key = n, *params, *[np.asarray(value).tobytes() for value in params.values()]
+        if self._last is None or self._last[0] != key:
+            tuned = self.programme.tuned_bounds(params)
+            outputs, search = self._search(tuned)
+            values, horizon = self.numbers.rows(params, n), self.options.horizon
+            self._last = key, self.programme.weigh(outputs, values, horizon, tuned), search
+        return self._last[1:]
+
     def _search(self, tuned: frozenset[str]) -> tuple[ModelWithOutputs, SequentialQp]:
         """Return the search for a plan where the bounds of these inputs are tuned."""
         if tuned not in self._searches:
             outputs = self.programme.outputs(tuned | self.reference.of_inputs)
             check_solver(self._solver, self.programme.bounded(tuned))
-            search = SequentialQp(outputs, self._solver, self.options.linearisations, UNDAMPED)
+            search = SequentialQp(outputs, self._solver, self.options.linearisations, self.undamped)
             self._searches[tuned] = outputs, search
         return self._searches[tuned]
 
@@ -234,7 +242,7 @@ class Mpc:
                 f"the model has {nx} states, the observation {obs.shape[1]} numbers; say by "
                 "state=... how the state is read from it"
             )
-        return obs[:, self.columns]
+        return np.take(obs, self.columns, axis=1)  # in C's order, unlike obs[:, columns]
 
     def _guess(self, rest: np.ndarray, memory: Memory) -> np.ndarray:
         guess = np.repeat(rest[:, None], self.options.horizon, axis=1)

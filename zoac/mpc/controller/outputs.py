@@ -93,7 +93,7 @@ class ModelWithOutputs:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See `zoac.mpc.sqp.PredictiveModel`; `start` (n, nz), of which outputs are not read."""
         nx, nu = self._nx, self._nu
-        own, after = np.split(theta, [self._count], axis=1)
+        own, after = theta[:, : self._count], theta[:, self._count :]
         inner, a_inner, b_inner = self._model.linearise(own, start[:, :nx].copy(), inputs)
         if self.size == nx:
             return inner, a_inner, b_inner

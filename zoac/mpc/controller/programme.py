@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,29 @@ import numpy as np
 from zoac.core.errors import ConfigError, suggest
 from zoac.mpc.controller.numbers import Numbers, by_name
 from zoac.mpc.controller.outputs import ModelWithOutputs
-from zoac.mpc.controller.weights import CostToGo, Matrix, Values, factors
+from zoac.mpc.controller.weights import Matrix, Values, cost_to_go, factors
 from zoac.mpc.problem import PENALTY, StateBounds
 from zoac.mpc.sqp import Objective
 
 LEAST_WEIGHT = 1e-8
 """An input weighs at least this part of its weight and its rate's together, since solvers need a
 positive number where only rates or a full matrix weigh."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Weighed:
+    """What of the objective of n environments depends on the numbers alone."""
+
+    outputs: ModelWithOutputs
+    values: Values  # every number, (n,)
+    theta: np.ndarray  # (n, np), parameters of the model proper
+    gamma: np.ndarray  # (n, N + 1), discounts
+    weight: np.ndarray  # (n, nx + nu, nx + nu), of a stage
+    stage: np.ndarray  # likewise, its eigenvectors as rows; of size 0 if it is diagonal
+    end: np.ndarray  # (n, nx, nx), those of the terminal weight
+    states: np.ndarray  # (n, N, nz), weights of the states of `outputs`, discounts included
+    inputs: np.ndarray  # (n, N, nu), likewise
+    bounds: StateBounds | None
 
 
 class Programme:
@@ -45,25 +62,22 @@ class Programme:
         self._states, self._inputs = states, inputs = tuple(model.states), tuple(model.inputs)
         every = (*states, *inputs)
         self._weight = Matrix("weight", by_name("weights", weights, every), every, numbers)
-        if isinstance(terminal, str):
-            if terminal != "riccati":
-                raise ConfigError(f"terminal={terminal!r}: {suggest(terminal, ['riccati'])}")
-            self._terminal: Matrix | CostToGo | None = CostToGo()
-        else:
-            given = by_name("terminal", terminal, states)
-            self._terminal = Matrix("terminal", given, states, numbers) if given else None
-        self.of_regulator = isinstance(self._terminal, CostToGo)
+        self.of_regulator = isinstance(terminal, str) and terminal == "riccati"
         """Whether the terminal weights are those of the linear-quadratic regulator."""
-        self._rate_weights = {
-            name: numbers.add("rate_weight", f"rate_weight_{name}", value, 0.0)
-            for name, value in by_name("rate_weights", rate_weights, inputs).items()
-        }
-        self._max_rates = {
-            name: numbers.add("max_rate", f"max_rate_{name}", value, 0.0)
-            for name, value in by_name("rate_bounds", rate_bounds, inputs).items()
-        }
-        of_rates = {*self._rate_weights, *self._max_rates}
-        self.rates = [j for j, name in enumerate(inputs) if name in of_rates]
+        if isinstance(terminal, str) and not self.of_regulator:
+            raise ConfigError(f"terminal={terminal!r}: {suggest(terminal, ['riccati'])}")
+        given = {} if self.of_regulator else by_name("terminal", terminal, states)
+        self._terminal = Matrix("terminal", given, states, numbers) if given else None
+        self._rate_weights, self._max_rates = (
+            {name: numbers.add(group, f"{group}_{name}", value, 0.0)
+             for name, value in by_name(option, of_rates, inputs).items()}
+            for group, option, of_rates in (
+                ("rate_weight", "rate_weights", rate_weights),
+                ("max_rate", "rate_bounds", rate_bounds),
+            )
+        )  # fmt: skip
+        self.rates = [j for j, name in enumerate(inputs)
+                      if name in self._rate_weights or name in self._max_rates]  # fmt: skip
         """Positions of the inputs whose rates are weighed or bounded."""
         self._numbers = numbers
         self._discount = numbers.add("discount", "discount", discount)
@@ -83,7 +97,7 @@ class Programme:
         for name, pair in bounds.items():
             if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
                 raise ConfigError(f"bounds[{name!r}]={pair!r}: expected (low, high)")
-            low, high = (None if v is None or v in (-math.inf, math.inf) else v for v in pair)
+            low, high = (None if v in (None, -math.inf, math.inf) else v for v in pair)
             if low is not None and high is not None and not low <= high:
                 raise ConfigError(f"bounds[{name!r}]={pair!r}: low must not be above high")
             self._bounds[name] = (
@@ -117,7 +131,7 @@ class Programme:
 
     def clip(self, inputs: np.ndarray) -> np.ndarray:
         """Return inputs (..., nu) inside their bounds."""
-        return np.clip(inputs, *self._box)
+        return inputs.clip(*self._box)
 
     def check(self, parameters: Mapping[str, Any]) -> None:
         """See that parameters are numbers of this MPC, in the range of each.
@@ -149,10 +163,9 @@ class Programme:
 
     def tuned_bounds(self, params: Mapping[str, Any]) -> frozenset[str]:
         """Return the inputs of which a bound is among the parameters."""
+        bounds = {name: self._bounds.get(name, ()) for name in self._inputs}
         return frozenset(
-            name
-            for name in self._inputs
-            if any(number in params for number in self._bounds.get(name, ()))
+            k for k, pair in bounds.items() if any(number in params for number in pair)
         )
 
     def bounded(self, tuned: frozenset[str]) -> str:
@@ -174,89 +187,87 @@ class Programme:
             self.rates,
             [j for j, name in enumerate(self._inputs) if name in copies],
             stage=self._weight.full,
-            end=of_states if self._terminal is None else self._terminal.full,
+            end=self.of_regulator or (of_states if self._terminal is None else self._terminal.full),
         )
 
-    def objective(
-        self,
-        outputs: ModelWithOutputs,
-        values: Values,
-        reference: np.ndarray,
-        rest: np.ndarray,
-        tuned: frozenset[str],
-    ) -> tuple[Objective, np.ndarray]:
-        """Return what n environments minimise, and the parameters theta of `outputs`.
+    def weigh(
+        self, outputs: ModelWithOutputs, values: Values, horizon: int, tuned: frozenset[str]
+    ) -> Weighed:
+        """Return all of an objective that does not depend on the reference.
 
-        Args:
-            outputs: From the method of that name.
-            values: Every number, (n,).
-            reference: Of states (n, N, nx).
-            rest: Of inputs (n, nu), 0 where there is none; it may lie outside their bounds.
-            tuned: From `tuned_bounds`.
+        `values` has every number, (n,); `outputs` and `tuned` are of the methods `outputs` and
+        `tuned_bounds`.
         """
-        n, horizon, nx = reference.shape
-        names = list(self._model.parameters)
-        theta = [np.stack([values[k] for k in names], axis=1) if names else np.empty((n, 0))]
+        n, nx = len(values[self._discount]), len(self._states)
+        parameters = [values[name] for name in self._model.parameters]
+        theta = np.stack(parameters, axis=1) if parameters else np.empty((n, 0))
         gamma = values[self._discount][:, None] ** np.arange(horizon + 1)
+        now = gamma[:, :-1, None]  # of the inputs, and of what is seen one step later
         weight = self._weight.matrices(values, n)
         diagonal = np.einsum("nii->ni", weight)
-        target = np.zeros((n, horizon, outputs.size))
-        state_weights = np.zeros((n, horizon, outputs.size))
-        target[:, :, outputs.states] = reference
-        target[:, :, outputs.copy] = rest[:, None, outputs.copies]
-
         rate = np.zeros((n, len(self._inputs)))
         for name, number in self._rate_weights.items():
             rate[:, self._inputs.index(name)] = values[number]
-        now = gamma[:, :-1, None]  # of the inputs, and of what is seen one step later
-        state_weights[:, :, outputs.rate] = now * rate[:, None, self.rates]
-        state_weights[:, :, outputs.copy] = now * diagonal[:, None, nx:][:, :, outputs.copies]
+        states = np.zeros((n, horizon, outputs.size))
+        states[:, :, outputs.rate] = now * rate[:, None, self.rates]
+        states[:, :, outputs.copy] = now * diagonal[:, None, nx:][:, :, outputs.copies]
         least = LEAST_WEIGHT * (diagonal[:, nx:] + rate)
         direct = np.maximum(diagonal[:, nx:], least)
         direct[:, outputs.copies] = least[:, outputs.copies]
+        stage = end = np.empty((n, 0, 0))
         if self._weight.full:
             direct = least
-            sizes, rows = factors(weight)
-            theta.append(rows.reshape(n, -1))
-            point = np.concatenate([reference[:, :1], reference[:, :-1]], axis=1)
-            point = np.concatenate([point, np.repeat(rest[:, None], horizon, axis=1)], axis=2)
-            target[:, :, outputs.stage] = np.matmul(rows[:, None], point[..., None])[..., 0]
-            state_weights[:, :, outputs.stage] = now * sizes[:, None]
-            state_weights[:, :, outputs.copy] = 0.0
+            sizes, stage = factors(weight)
+            states[:, :, outputs.stage] = now * sizes[:, None]
+            states[:, :, outputs.copy] = 0.0
         else:
-            stage = gamma[:, 1:-1, None] * diagonal[:, None, :nx]
-            state_weights[:, :-1, outputs.states] = stage
+            states[:, :-1, outputs.states] = gamma[:, 1:-1, None] * diagonal[:, None, :nx]
+        if not self.of_regulator:
+            own = self._terminal
+            last = weight[:, :nx, :nx] if own is None else own.matrices(values, n)
+            if outputs.end.stop > outputs.end.start:
+                sizes, end = factors(last)
+                states[:, -1, outputs.end] = gamma[:, -1:] * sizes
+            else:
+                states[:, -1, outputs.states] = gamma[:, -1:] * np.einsum("nii->ni", last)
+        inputs = now * direct[:, None]
+        bounds = self._state_bounds(outputs, values, diagonal[:, :nx], tuned)
+        return Weighed(outputs, values, theta, gamma, weight, stage, end, states, inputs, bounds)
 
+    def objective(
+        self, weighed: Weighed, reference: np.ndarray, rest: np.ndarray
+    ) -> tuple[Objective, np.ndarray]:
+        """Return what n environments minimise, and the parameters theta of the model with outputs.
+
+        Args:
+            weighed: From `weigh`.
+            reference: Of states (n, N, nx).
+            rest: Of inputs (n, nu), 0 where there is none; it may lie outside their bounds.
+        """
+        outputs, states, stage, end = weighed.outputs, weighed.states, weighed.stage, weighed.end
+        n, horizon, _ = reference.shape
         # What is applied and linearised about lies in the bounds, whatever the cost's centre is.
         inside = self.clip(rest)
-        last = self._terminal_weight(values, weight, theta[0], reference[:, -1], inside)
-        if outputs.end.stop > outputs.end.start:
-            sizes, rows = factors(last)
-            theta.append(rows.reshape(n, -1))
-            end = np.matmul(rows, reference[:, -1, :, None])[..., 0]
-            target[:, :, outputs.end] = end[:, None]
-            state_weights[:, -1, outputs.end] = gamma[:, -1:] * sizes
-        else:
-            state_weights[:, -1, outputs.states] = gamma[:, -1:] * np.einsum("nii->ni", last)
-        bounds = self._state_bounds(outputs, values, diagonal[:, :nx], tuned)
-        objective = Objective(target, state_weights, now * direct[:, None], bounds, inside)
-        return objective, np.concatenate(theta, axis=1)
-
-    def _terminal_weight(
-        self,
-        values: Values,
-        weight: np.ndarray,
-        theta: np.ndarray,
-        reference: np.ndarray,
-        rest: np.ndarray,
-    ) -> np.ndarray:
-        n, nx = reference.shape
-        if self._terminal is None:
-            return weight[:, :nx, :nx]
-        if isinstance(self._terminal, Matrix):
-            return self._terminal.matrices(values, n)
-        _, a, b = self._model.linearise(theta, reference.copy(), rest[:, None])
-        return self._terminal.matrices(a[:, 0], b[:, 0], weight, values[self._discount])
+        if self.of_regulator:
+            at = weighed.theta, reference[:, -1].copy(), inside[:, None]
+            _, a, b = self._model.linearise(*at)
+            discount = weighed.values[self._discount]
+            sizes, end = factors(cost_to_go(a[:, 0], b[:, 0], weighed.weight, discount))
+            states = states.copy()
+            states[:, -1, outputs.end] = weighed.gamma[:, -1:] * sizes
+        target = np.zeros_like(states)
+        target[:, :, outputs.states] = reference
+        target[:, :, outputs.copy] = rest[:, None, outputs.copies]
+        if stage.size:
+            point = np.concatenate([reference[:, :1], reference[:, :-1]], axis=1)
+            point = np.concatenate([point, np.repeat(rest[:, None], horizon, axis=1)], axis=2)
+            target[:, :, outputs.stage] = np.matmul(stage[:, None], point[..., None])[..., 0]
+        if end.size:
+            target[:, :, outputs.end] = np.matmul(end, reference[:, -1, :, None])[:, None, :, 0]
+        theta = weighed.theta
+        if stage.size or end.size:
+            theta = np.concatenate([theta, stage.reshape(n, -1), end.reshape(n, -1)], axis=1)
+        return Objective(target, states, weighed.inputs, inside, weighed.bounds), theta
 
     def _state_bounds(
         self, outputs: ModelWithOutputs, values: Values, weights: np.ndarray, tuned: frozenset[str]

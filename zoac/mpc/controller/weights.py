@@ -2,18 +2,15 @@
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.linalg import LinAlgError, solve_discrete_are
 
 from zoac.core.errors import ConfigError, ControllerError
 from zoac.mpc.controller.numbers import Numbers
 
 Values = Mapping[str, np.ndarray]
-
-MAX_KEPT = 1000
-"""Costs to go that are kept: parameters change far more rarely than states."""
 
 
 class Matrix:
@@ -66,46 +63,39 @@ class Matrix:
         return matrix
 
 
-class CostToGo:
-    """The terminal weight of an infinite horizon: the linear-quadratic regulator's, no bounds."""
+def cost_to_go(
+    a: np.ndarray, b: np.ndarray, weight: np.ndarray, discount: np.ndarray
+) -> np.ndarray:
+    """Return P (n, nx, nx): the linear-quadratic regulator's weight of an infinite horizon.
 
-    full = True
+    Args:
+        a: (n, nx, nx), Jacobians of the model where it shall rest.
+        b: (n, nx, nu).
+        weight: (n, nx + nu, nx + nu), on states and inputs, cross terms included.
+        discount: (n,), from step to step.
 
-    def __init__(self) -> None:
-        self._kept: dict[bytes, np.ndarray] = {}
+    Raises:
+        ControllerError: If no input stabilises the linearised model.
+    """
+    rows = zip(a, b, weight, discount, strict=True)
+    return np.stack([_regulator(a.shape[1], *(part.tobytes() for part in row)) for row in rows])
 
-    def matrices(
-        self, a: np.ndarray, b: np.ndarray, weight: np.ndarray, discount: np.ndarray
-    ) -> np.ndarray:
-        """Return P (n, nx, nx) for n environments.
 
-        Args:
-            a: (n, nx, nx), Jacobians of the model where it shall rest.
-            b: (n, nx, nu).
-            weight: (n, nx + nu, nx + nu), on states and inputs, cross terms included.
-            discount: (n,), from step to step.
+@lru_cache(maxsize=1000)  # parameters change far more rarely than states
+def _regulator(nx: int, *parts: bytes) -> np.ndarray:
+    from scipy.linalg import LinAlgError, solve_discrete_are  # takes a tenth of a second
 
-        Raises:
-            ControllerError: If no input stabilises the linearised model.
-        """
-        return np.stack([self._one(*row) for row in zip(a, b, weight, discount, strict=True)])
-
-    def _one(self, a: np.ndarray, b: np.ndarray, weight: np.ndarray, discount: float) -> np.ndarray:
-        key = b"".join(part.tobytes() for part in (a, b, weight, np.float64(discount)))
-        if key not in self._kept:
-            if len(self._kept) >= MAX_KEPT:
-                self._kept.clear()
-            nx, root = len(a), np.sqrt(discount)
-            q, s, r = weight[:nx, :nx], weight[:nx, nx:], weight[nx:, nx:]
-            try:
-                found = solve_discrete_are(root * a, root * b, q, r, s=s)
-            except (LinAlgError, ValueError) as error:
-                raise ControllerError(
-                    f"terminal='riccati': no solution with these parameters ({error}); give "
-                    "terminal weights by name"
-                ) from None
-            self._kept[key] = 0.5 * (found + found.T)
-        return self._kept[key]
+    a, b, weight, discount = map(np.frombuffer, parts)
+    root, weight = np.sqrt(discount), weight.reshape(nx + len(b) // nx, -1)
+    q, s, r = weight[:nx, :nx], weight[:nx, nx:], weight[nx:, nx:]
+    try:
+        found = solve_discrete_are(root * a.reshape(nx, -1), root * b.reshape(nx, -1), q, r, s=s)
+    except (LinAlgError, ValueError) as error:
+        raise ControllerError(
+            f"terminal='riccati': no solution with these parameters ({error}); give "
+            "terminal weights by name"
+        ) from None
+    return 0.5 * (found + found.T)
 
 
 def factors(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -133,7 +133,8 @@ def write_c(embedded: EmbeddedMpc, path: str | Path) -> Path:
 
 def _code(embedded: EmbeddedMpc) -> str:
     problem, soft = programme(embedded)
-    nu, horizon = len(embedded.rest), embedded.options.horizon
+    rest, horizon = embedded.objective.rest[0], embedded.options.horizon
+    nu = len(rest)
     plan, m = nu * horizon, len(soft)
     parts = problem, *functions(problem.sparsity_out(2), soft)
     generated = casadi.CodeGenerator("mpc_casadi", {"casadi_int": "int"})
@@ -143,7 +144,7 @@ def _code(embedded: EmbeddedMpc) -> str:
         declarations=DECLARATIONS.format(observation=embedded.observation, nu=nu, plan=plan),
         generated=generated.dump(),
         guess=GUESS[embedded.options.initial_guess].format(plan=plan),
-        rest=_numbers(embedded.rest),
+        rest=_numbers(rest),
         before=_numbers(embedded.initial_input),
         low=_numbers(embedded.box[0]),
         high=_numbers(embedded.box[1]),

@@ -1,18 +1,15 @@
 """What an MPC computes with its parameters fixed, ready to be written in another language."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from zoac.core.errors import ConfigError
-from zoac.mpc.controller.mpc import UNDAMPED, Mpc
 from zoac.mpc.controller.outputs import ModelWithOutputs
 from zoac.mpc.controller.reference import Reference
 from zoac.mpc.sqp import MAX_LINEARISATIONS, MpcOptions, Objective
-
-Read = Callable[[np.ndarray], Objective]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,25 +41,6 @@ class EmbeddedMpc:
     preview: np.ndarray
     box: tuple[np.ndarray, np.ndarray]
     undamped: int = MAX_LINEARISATIONS
-
-    @property
-    def rest(self) -> np.ndarray:
-        """The inputs (nu,) applied where no programme was solved, and the first guess."""
-        given = self.objective.rest
-        return np.zeros_like(self.initial_input) if given is None else given[0]
-
-
-def linear_in(read: Read, observation: int) -> tuple[Objective, np.ndarray, np.ndarray]:
-    """Return an objective (one row), its reference (N, nz) and the reference's slope, as above.
-
-    Args:
-        read: Returns the objective at observations (n, o); its reference is affine in them.
-        observation: Their length o.
-    """
-    given = read(np.vstack([np.zeros(observation), np.eye(observation)]))
-    targets = given.reference.reshape(observation + 1, -1)
-    first = given.take(np.array([0]))
-    return first, given.reference[0], np.ascontiguousarray((targets[1:] - targets[0]).T)
 
 
 def model_step(model: Any, theta: np.ndarray) -> Any:
@@ -102,8 +80,8 @@ def check_exportable(embedded: EmbeddedMpc) -> None:
             raise ConfigError("export to C: a tuned lower bound is above its upper bound")
 
 
-def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -> EmbeddedMpc:
-    """Return what an `Mpc` computes at fixed parameters; see `Mpc.export`.
+def of_mpc(mpc: Any, parameters: Mapping[str, float], observation: int | None) -> EmbeddedMpc:
+    """Return what an `Mpc` (which imports this module) computes at fixed parameters.
 
     Raises:
         ConfigError: If something of it has no form in C.
@@ -126,19 +104,14 @@ def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -
         raise ConfigError(
             f"export to C: state={state} is not in an observation of {length} numbers"
         )
-    values = mpc.numbers.rows({k: np.full(1, v) for k, v in parameters.items()}, 1)
     outputs = programme.outputs(reference.of_inputs)
-    theta: list[np.ndarray] = []
-
-    def read(observations: np.ndarray) -> Objective:
-        n = len(observations)
-        rows = {name: np.repeat(value, n) for name, value in values.items()}
-        states, rest = reference(observations, rows)
-        objective, of_rows = programme.objective(outputs, rows, states, rest, frozenset())
-        theta.append(of_rows[0])
-        return objective
-
-    objective, target, preview = linear_in(read, length)
+    # The reference is affine in the observation: what it is at zero, and by each of its entries.
+    observations = np.vstack([np.zeros(length), np.eye(length)])
+    given = {name: np.full(length + 1, value) for name, value in parameters.items()}
+    values = mpc.numbers.rows(given, length + 1)
+    weighed = programme.weigh(outputs, values, mpc.options.horizon, frozenset())
+    objective, theta = programme.objective(weighed, *reference(observations, values))
+    targets = objective.reference.reshape(length + 1, -1)
     outer = programme.box(mpc.numbers.values)
     low, high = programme.box({name: value[0] for name, value in values.items()})
     return EmbeddedMpc(
@@ -148,12 +121,12 @@ def of_mpc(mpc: Mpc, parameters: Mapping[str, float], observation: int | None) -
         state=state,
         before=[(outputs.before.start + i, j) for i, j in enumerate(programme.rates)],
         initial_input=mpc.before,
-        objective=objective,
-        reference=target,
-        preview=preview,
+        objective=objective.take(np.array([0])),
+        reference=objective.reference[0],
+        preview=np.ascontiguousarray((targets[1:] - targets[0]).T),
         # As in `act`, a tuned bound only narrows the bounds that the MPC was built with.
         box=(np.maximum(low, outer[0]), np.minimum(high, outer[1])),
-        undamped=UNDAMPED,
+        undamped=mpc.undamped,
     )
 
 

@@ -74,7 +74,7 @@ class FunctionModel(Dynamics):
         compiled = hasattr(self._function, "py_func")
         if not compiled:
             self._function = _reading(self._function)
-        self._rollout = _compiled_rollout(self) if compiled else _plain_rollout(self)
+        self._roll_out, self._advance = (_compiled if compiled else _plain)(self)
         if not compiled:
             self._try()
         self._checked = False
@@ -87,13 +87,14 @@ class FunctionModel(Dynamics):
         Raises:
             ConfigError: In the first call, if the Jacobians are not those of the function.
         """
-        way = self._jacobians if isinstance(self._jacobians, str) else "given"
-        states, ab = self._along(way, theta, start, inputs)
-        if way == "given":
-            self._write_given(theta, states, inputs, ab)
+        states = self._rollout(theta, start, inputs)
+        if isinstance(self._jacobians, str):
+            ab = self._differences(self._jacobians, theta, states, inputs)
+        else:
+            ab = self._given_jacobians(theta, states, inputs)
         if not self._checked and len(start):
-            first = theta[:1], start[:1], inputs[:1]
-            expected, coarse = (self._along(step, *first)[1][0] for step in STEPS)
+            first = theta[:1], states[:1], inputs[:1]
+            expected, coarse = (self._differences(step, *first)[0] for step in STEPS)
             self._check(ab[0], expected, coarse, states[0], inputs[0])
             self._checked = True
         nx = start.shape[1]
@@ -101,7 +102,7 @@ class FunctionModel(Dynamics):
 
     def predict(self, theta: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """Return F_theta(states (n, nx), inputs (n, nu)) (n, nx)."""
-        return self._along("given", theta, states, inputs[:, None])[0][:, 1]
+        return self._rollout(theta, states, inputs[:, None])[:, 1]
 
     def _try(self) -> None:
         """See that a plain function takes arrays, as in a rollout, and complex numbers if it must.
@@ -124,44 +125,62 @@ class FunctionModel(Dynamics):
 
     def _error(self, way: str) -> str | None:
         """Return what the function raises in a rollout of one step from ones."""
-        theta = np.array([[*self.parameters.values()]])
+        theta, inputs = np.array([[*self.parameters.values()]]), np.ones((1, 1, len(self.inputs)))
         try:
-            self._along(
-                way, theta, np.ones((1, len(self.states))), np.ones((1, 1, len(self.inputs)))
-            )
+            states = self._rollout(theta, np.ones((1, len(self.states))), inputs)
+            self._differences(way, theta, states, inputs)
         except ArithmeticError:
             return None  # a point that the model may refuse, since nobody asked for it
         except Exception as error:  # whatever a user's function raises
             return as_text(error)
         return None
 
-    def _along(
-        self, way: str, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return states and Jacobians (n, N, nx, nx + nu) of a rollout; "given" ones are zero."""
-        n, horizon, nu = inputs.shape
-        nx = start.shape[1]
-        states = np.empty((n, horizon + 1, nx))
+    def _rollout(self, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+        """Return states (n, N + 1, nx)."""
+        states = np.empty((len(start), inputs.shape[1] + 1, start.shape[1]))
         states[:, 0] = start
-        ab = np.zeros((n, horizon, nx, nx + nu))
-        theta = np.ascontiguousarray(theta)
-        # One environment at a time: its bits do not depend on how many there are.
         with np.errstate(all="ignore"):
-            for row in range(n):
-                self._rollout(way, theta[row], inputs[row], states[row], ab[row])
-        return states, ab
+            self._roll_out(np.ascontiguousarray(theta), np.ascontiguousarray(inputs), states)
+        return states
 
-    def _write_given(
-        self, theta: np.ndarray, states: np.ndarray, inputs: np.ndarray, ab: np.ndarray
-    ) -> None:
+    def _differences(
+        self, way: str, theta: np.ndarray, states: np.ndarray, inputs: np.ndarray
+    ) -> np.ndarray:
+        """Return Jacobians (n, N, nx, nx + nu) along a rollout, by small steps in all directions.
+
+        Each point (nx + nu,) of the rollout is moved once in each direction.
+        """
+        point = np.concatenate([states[:, :-1], inputs], axis=2)
+        n, horizon, size = point.shape
+        points, directions = point.swapaxes(1, 2)[..., None], np.eye(size)[:, None]
+        theta = np.ascontiguousarray(theta)
+
+        def after(moved: np.ndarray) -> np.ndarray:
+            return self._advance(theta, np.ascontiguousarray(moved.reshape(n, size, -1)))
+
+        with np.errstate(all="ignore"):
+            if way == "complex":
+                change = after(points + 1j * COMPLEX_STEP * directions).imag / COMPLEX_STEP
+            else:
+                step = STEPS[way] * np.maximum(np.abs(point), 1.0)
+                moves = step.swapaxes(1, 2)[..., None] * directions
+                change = after(points + moves) - after(points - moves)
+                change /= (2.0 * step).reshape(n, 1, -1)
+        return change.reshape(n, -1, horizon, size).swapaxes(1, 2)
+
+    def _given_jacobians(
+        self, theta: np.ndarray, states: np.ndarray, inputs: np.ndarray
+    ) -> np.ndarray:
         x, u, p = self.tuples()
-        nx = states.shape[2]
-        for row in range(len(inputs)):
+        (n, horizon, nu), nx = inputs.shape, states.shape[2]
+        ab = np.empty((n, horizon, nx, nx + nu))
+        for row in range(n):
             numbers = p(theta[row])
-            for k in range(inputs.shape[1]):
+            for k in range(horizon):
                 point = x(states[row, k]), u(inputs[row, k]), numbers
                 a, b = self._jacobians(*point)  # type: ignore[operator]
                 ab[row, k, :, :nx], ab[row, k, :, nx:] = a, b
+        return ab
 
     def _check(
         self,
@@ -202,76 +221,48 @@ def _reading(function: Function) -> Function:
     return reading
 
 
-def _plain_rollout(dynamics: Dynamics) -> Callable[..., None]:
-    """Return a rollout that differentiates in all directions at once, as columns of arrays."""
-    advance = dynamics.advance()
-    nx, nu = len(dynamics.states), len(dynamics.inputs)
-    directions = np.eye(nx + nu)
+def _plain(dynamics: Dynamics) -> tuple[Callable[..., None], Callable[..., np.ndarray]]:
+    """Return functions that roll out, and that advance points (n, nx + nu, m) by one sample.
 
-    def rollout(
-        way: str, p: np.ndarray, inputs: np.ndarray, states: np.ndarray, ab: np.ndarray
-    ) -> None:
-        for k in range(len(inputs)):
-            point = np.concatenate([states[k], inputs[k]])[:, None]
-            states[k + 1] = advance(point[:nx], point[nx:], p)[:, 0]
-            if way == "complex":
-                moved = point + 1j * COMPLEX_STEP * directions
-                ab[k] = advance(moved[:nx], moved[nx:], p).imag / COMPLEX_STEP
-            elif way in STEPS:
-                step = STEPS[way] * np.maximum(np.abs(point[:, 0]), 1.0)
-                up, down = point + step * directions, point - step * directions
-                change = advance(up[:nx], up[nx:], p) - advance(down[:nx], down[nx:], p)
-                ab[k] = change / (2.0 * step)
+    They take one environment at a time, whose bits then do not depend on how many there are.
+    """
+    advance, nx = dynamics.advance(), len(dynamics.states)
 
-    return rollout
+    def roll_out(theta: np.ndarray, inputs: np.ndarray, states: np.ndarray) -> None:
+        for p, commands, along in zip(theta, inputs, states, strict=True):
+            for k, u in enumerate(commands):
+                along[k + 1] = advance(along[k][:, None], u[:, None], p)[:, 0]
+
+    def several(theta: np.ndarray, points: np.ndarray) -> np.ndarray:
+        after = np.empty_like(points[:, :nx])
+        for row, (p, at) in enumerate(zip(theta, points, strict=True)):
+            after[row] = advance(at[:nx], at[nx:], p)
+        return after
+
+    return roll_out, several
 
 
-def _compiled_rollout(dynamics: Dynamics) -> Callable[..., None]:
-    """Return a rollout that numba compiles, direction by direction."""
+def _compiled(dynamics: Dynamics) -> tuple[Callable[..., None], Callable[..., np.ndarray]]:
+    """Return the functions of `_plain`, compiled by numba, point by point."""
     import numba
 
-    advance = dynamics.advance(numba.njit(error_model="numpy"))
-    nx = len(dynamics.states)
+    compiled = numba.njit(error_model="numpy")
+    advance, nx = dynamics.advance(compiled), len(dynamics.states)
 
-    @numba.njit(error_model="numpy")
-    def along(p: np.ndarray, inputs: np.ndarray, states: np.ndarray) -> None:
-        for k in range(len(inputs)):
-            states[k + 1] = advance(states[k].copy(), inputs[k].copy(), p)
+    @compiled
+    def roll_out(theta: np.ndarray, inputs: np.ndarray, states: np.ndarray) -> None:
+        for row in range(len(inputs)):
+            for k in range(inputs.shape[1]):
+                x, u = states[row, k].copy(), inputs[row, k].copy()
+                states[row, k + 1] = advance(x, u, theta[row])
 
-    @numba.njit(error_model="numpy")
-    def by_complex_step(
-        p: np.ndarray, inputs: np.ndarray, states: np.ndarray, ab: np.ndarray
-    ) -> None:
-        for k in range(len(inputs)):
-            for j in range(ab.shape[2]):
-                moved = np.concatenate((states[k], inputs[k])) + 0j
-                moved[j] += 1j * COMPLEX_STEP
-                change = advance(moved[:nx].copy(), moved[nx:].copy(), p).imag
-                ab[k, :, j] = change / COMPLEX_STEP
+    @compiled
+    def several(theta: np.ndarray, points: np.ndarray) -> np.ndarray:
+        after = np.empty((len(points), nx, points.shape[2]), points.dtype)
+        for row in range(len(points)):
+            for j in range(points.shape[2]):
+                x, u = points[row, :nx, j].copy(), points[row, nx:, j].copy()
+                after[row, :, j] = advance(x, u, theta[row])
+        return after
 
-    @numba.njit(error_model="numpy")
-    def by_differences(
-        p: np.ndarray, inputs: np.ndarray, states: np.ndarray, ab: np.ndarray, size: float
-    ) -> None:
-        for k in range(len(inputs)):
-            for j in range(ab.shape[2]):
-                up = np.concatenate((states[k], inputs[k]))
-                down = up.copy()
-                step = size * max(abs(up[j]), 1.0)
-                up[j] += step
-                down[j] -= step
-                change = advance(up[:nx].copy(), up[nx:].copy(), p)
-                change = change - advance(down[:nx].copy(), down[nx:].copy(), p)
-                ab[k, :, j] = change / (2.0 * step)
-
-    def rollout(
-        way: str, p: np.ndarray, inputs: np.ndarray, states: np.ndarray, ab: np.ndarray
-    ) -> None:
-        inputs = np.ascontiguousarray(inputs)
-        along(p, inputs, states)
-        if way == "complex":
-            by_complex_step(p, inputs, states, ab)
-        elif way in STEPS:
-            by_differences(p, inputs, states, ab, STEPS[way])
-
-    return rollout
+    return roll_out, several

@@ -133,17 +133,13 @@ class _CanonicalForm:
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
         formulation = build_problem(layout)
-        formulation.dynamics.value = np.ones(layout.dynamics_size)
-        formulation.weights.value = np.ones(layout.weights_size)
-        if formulation.bounds is not None:
-            formulation.bounds.value = np.ones(layout.bounds_size)
+        parameters = formulation.parameters
+        for parameter in parameters.values():
+            parameter.value = np.ones(parameter.size)
         data, _, _ = formulation.problem.get_problem_data(cp.CLARABEL, solver_opts={})
         program = data["param_prob"]
         column = program.param_id_to_col
-        self._dynamics, self._weights = (
-            slice(column[parameter.id], column[parameter.id] + parameter.size)
-            for parameter in (formulation.dynamics, formulation.weights)
-        )
+        self._starts = {name: column[parameter.id] for name, parameter in parameters.items()}
         # The columns of [A | b], b last, share one sparse pattern; CVXPY's A is minus Clarabel's.
         rows, starts, (self._rows, columns) = program.reduced_A.problem_data_index
         variables = columns - 1
@@ -157,9 +153,7 @@ class _CanonicalForm:
             shape=(self._rows, len(rows) - entries),
         )
         maps = {"P": map_p, "A": -map_ab[:entries], "b": place @ map_ab[entries:]}
-        if formulation.bounds is not None:  # penalties are linear in the slacks
-            of_bounds = column[formulation.bounds.id]
-            self._bounds = slice(of_bounds, of_bounds + layout.bounds_size)
+        if layout.bounds_size:  # penalties are linear in the slacks
             maps["q"] = sparse.csr_array(program.q[:variables])
             self._rows_of_bounds = _rows(program.constraints, formulation.of_bounds)
         self._map = sparse.vstack(list(maps.values()), "csr")
@@ -182,10 +176,8 @@ class _CanonicalForm:
         A row holds the nonzeros of P, those of A, b, and q where states are bounded.
         """
         parameters = np.ones((len(problem.a), self._map.shape[1]))
-        dynamics, weights = parameters[:, self._dynamics], parameters[:, self._weights]
-        bounds = parameters[:, self._bounds] if self._layout.bounds_size else None
         limit = {"largest_penalty": np.inf} if robust else {}
-        scales = write_parameters(problem, self._layout, scale, dynamics, weights, bounds, **limit)
+        scales = write_parameters(problem, self._layout, scale, parameters, self._starts, **limit)
         return np.ascontiguousarray((self._map @ parameters.T).T), scales
 
     def split(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
@@ -204,7 +196,8 @@ class _CanonicalForm:
     def neutral(self) -> np.ndarray:
         """Return a row of `data` that stands for every problem of this layout."""
         parameters = np.ones(self._map.shape[1])
-        parameters[self._weights] = 0.1
+        first = self._starts["weights"]
+        parameters[first : first + self._layout.weights_size] = 0.1
         return self._map @ parameters
 
     def make_solver(self, numbers: np.ndarray, settings: Any) -> Any:

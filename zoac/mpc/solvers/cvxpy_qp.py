@@ -55,17 +55,18 @@ class CvxpySolver:
         inputs = np.zeros_like(problem.inputs)
         status = np.empty(len(inputs), dtype=np.int8)
         iterations = np.zeros(len(inputs), dtype=np.int64)
-        dynamics = np.empty((len(inputs), layout.dynamics_size))
-        weights = np.empty((len(inputs), layout.weights_size))
-        bounds = np.empty((len(inputs), layout.bounds_size)) if layout.bounds_size else None
+        parameters = formulation.parameters
+        ends = np.cumsum([parameter.size for parameter in parameters.values()]).tolist()
+        starts = dict(zip(parameters, [0, *ends], strict=False))
+        values = np.empty((len(inputs), ends[-1]))
         scale = units(problem, always=robust)
-        scales = write_parameters(problem, layout, scale, dynamics, weights, bounds)
-        multipliers = None if bounds is None else np.zeros((*inputs.shape[:2], layout.nx))
+        scales = write_parameters(problem, layout, scale, values, starts)
+        bounded = layout.bounds_size > 0
+        multipliers = np.zeros((*inputs.shape[:2], layout.nx)) if bounded else None
         for env_index in range(len(inputs)):
-            formulation.dynamics.value = dynamics[env_index]
-            formulation.weights.value = weights[env_index]
-            if bounds is not None and formulation.bounds is not None:
-                formulation.bounds.value = bounds[env_index]
+            for name, parameter in parameters.items():
+                start = starts[name]
+                parameter.value = values[env_index, start : start + parameter.size]
             status[env_index] = self._solve_one(formulation.problem, robust)
             if status[env_index] in (Status.NUMERICAL_FAILURE, Status.INFEASIBLE):
                 continue

@@ -6,6 +6,7 @@ interior-point method begins at slacks of about 1 whatever the numbers; scaled s
 fewer iterations in closed loop, and its plans are no less accurate.
 """
 
+from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
@@ -26,20 +27,18 @@ def write_parameters(
     problem: LinearisedProblem,
     layout: Layout,
     units: Units,
-    dynamics: np.ndarray,
-    weights: np.ndarray,
-    bounds: np.ndarray | None = None,
+    parameters: np.ndarray,
+    starts: Mapping[str, int],
     largest_penalty: float = _LARGEST_PENALTY,
 ) -> np.ndarray:
-    """Write each problem's parameters, in `units`, into `dynamics`, `weights` and `bounds`.
+    """Write each problem's parameters, in `units`.
 
     Args:
         problem: The problems.
         layout: Theirs.
         units: Likewise.
-        dynamics: (n, its size).
-        weights: (n, its size).
-        bounds: (n, its size), if states are bounded.
+        parameters: (n, ...), C-contiguous, what is written to.
+        starts: Column at which the parameter of each name begins: dynamics, weights, bounds.
         largest_penalty: Limit on scaled penalties; the whole objective becomes smaller with them.
 
     Returns:
@@ -47,9 +46,10 @@ def write_parameters(
     """
     scales = np.empty(len(problem.b))
     box = np.where((layout.low, layout.high), problem.box, 0.0)
-    _write(_entries(layout), problem.data, box, units, dynamics, weights, scales)
+    begin = starts["dynamics"], starts["weights"]
+    _write(_entries(layout), problem.data, box, units, parameters, begin, scales)
     scales /= units.cost
-    if problem.bounds is not None and bounds is not None:
+    if problem.bounds is not None:
         given, soft, low, high = problem.bounds, layout.soft, layout.state_low, layout.state_high
         of_unit = units.states[:, None]
         pieces = [
@@ -60,8 +60,9 @@ def write_parameters(
         largest = penalty.max(axis=1, initial=0.0) * scales
         less = np.minimum(largest_penalty / np.maximum(largest, 1e-300), 1.0)
         scales *= less
-        weights *= less[:, None]
+        parameters[:, begin[1] : begin[1] + layout.weights_size] *= less[:, None]
         penalty *= scales[:, None]
+        bounds = parameters[:, starts["bounds"] : starts["bounds"] + layout.bounds_size]
         np.concatenate([*(p.reshape(len(p), -1) for p in pieces), penalty], axis=1, out=bounds)
     return scales
 
@@ -78,8 +79,8 @@ def _write(
     data: tuple[np.ndarray, ...],
     box: np.ndarray,
     units: Units,
-    dynamics: np.ndarray,
-    weights: np.ndarray,
+    parameters: np.ndarray,
+    begin: tuple[int, int],
     scales: np.ndarray,
 ) -> None:
     a_entries, b_entries = entries
@@ -87,6 +88,8 @@ def _write(
     n, horizon, nx, nu = b.shape
     gap = len(a_entries) * (horizon - 1) + len(b_entries) * horizon  # where the gaps begin
     for env_index in range(n):
+        dynamics = parameters[env_index, begin[0] :]
+        weights = parameters[env_index, begin[1] : begin[1] + (nx + nu) * horizon]
         to = 0
         cost = 0.0
         x_unit, u_unit = units.states[env_index], units.inputs[env_index]
@@ -95,33 +98,33 @@ def _write(
             for k in range(horizon):
                 error = (states[env_index, k + 1, i] - reference[env_index, k, i]) / x_unit[i]
                 weight = state_weights[env_index, k, i] * x_unit[i] ** 2 / cost_unit
-                dynamics[env_index, gap + i * horizon + k] = error
-                weights[env_index, i * horizon + k] = weight
+                dynamics[gap + i * horizon + k] = error
+                weights[i * horizon + k] = weight
                 cost += weight * error * error
         for entry in range(len(a_entries)):
             i, j = a_entries[entry, 0], a_entries[entry, 1]
             for k in range(1, horizon):
                 value = a[env_index, k, i, j] * (x_unit[j] / x_unit[i])
-                dynamics[env_index, to] = value
+                dynamics[to] = value
                 to += 1
                 before = (reference[env_index, k - 1, j] - states[env_index, k, j]) / x_unit[j]
-                dynamics[env_index, gap + i * horizon + k] += value * before
+                dynamics[gap + i * horizon + k] += value * before
         for entry in range(len(b_entries)):
             i, j = b_entries[entry, 0], b_entries[entry, 1]
             for k in range(horizon):
                 value = b[env_index, k, i, j] / x_unit[i]
-                dynamics[env_index, to] = value * u_unit[j]
+                dynamics[to] = value * u_unit[j]
                 to += 1
-                dynamics[env_index, gap + i * horizon + k] -= value * inputs[env_index, k, j]
+                dynamics[gap + i * horizon + k] -= value * inputs[env_index, k, j]
         to += nx * horizon
         for j in range(nu):
-            dynamics[env_index, to + j] = box[0, j] / u_unit[j]
-            dynamics[env_index, to + nu + j] = box[1, j] / u_unit[j]
+            dynamics[to + j] = box[0, j] / u_unit[j]
+            dynamics[to + nu + j] = box[1, j] / u_unit[j]
             for k in range(horizon):
                 weight = input_weights[env_index, k, j] / cost_unit
-                weights[env_index, (nx + j) * horizon + k] = weight * u_unit[j] * u_unit[j]
+                weights[(nx + j) * horizon + k] = weight * u_unit[j] * u_unit[j]
                 cost += weight * inputs[env_index, k, j] * inputs[env_index, k, j]
         scales[env_index] = min(
             max(_ROLLOUT_COST / cost, _OBJECTIVE_SCALES[0]), _OBJECTIVE_SCALES[1]
         )
-        weights[env_index] *= scales[env_index]
+        weights *= scales[env_index]
