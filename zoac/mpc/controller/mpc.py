@@ -176,7 +176,7 @@ class Mpc:
         programme = self.programme
         weighed, search = self._weigh(params, len(obs))
         state = self._state(obs)
-        objective, theta = programme.objective(weighed, *self.reference(obs, weighed.values))
+        objective, theta = programme.objective(weighed, self.reference(obs, weighed.values))
         start = np.zeros((len(obs), weighed.outputs.size))
         start[:, weighed.outputs.states] = state
         if programme.rates:
@@ -214,8 +214,9 @@ class Mpc:
         if self._last is None or self._last[0] != key:
             tuned = self.programme.tuned_bounds(params)
             outputs, search = self._search(tuned)
-            values, horizon = self.numbers.rows(params, n), self.options.horizon
-            self._last = key, self.programme.weigh(outputs, values, horizon, tuned), search
+            values = self.numbers.rows(params, n)
+            rest, horizon = self.reference.of_rest(values, n), self.options.horizon
+            self._last = key, self.programme.weigh(outputs, values, rest, horizon, tuned), search
         return self._last[1:]
 
     def _search(self, tuned: frozenset[str]) -> tuple[ModelWithOutputs, SequentialQp]:

@@ -33,6 +33,8 @@ class Weighed:
     states: np.ndarray  # (n, N, nz), weights of the states of `outputs`, discounts included
     inputs: np.ndarray  # (n, N, nu), likewise
     bounds: StateBounds | None
+    rest: np.ndarray  # (n, nu), references of inputs, 0 where there are none
+    inside: np.ndarray  # likewise, in the inputs' bounds: what is applied and linearised about
 
 
 class Programme:
@@ -191,12 +193,17 @@ class Programme:
         )
 
     def weigh(
-        self, outputs: ModelWithOutputs, values: Values, horizon: int, tuned: frozenset[str]
+        self,
+        outputs: ModelWithOutputs,
+        values: Values,
+        rest: np.ndarray,
+        horizon: int,
+        tuned: frozenset[str],
     ) -> Weighed:
-        """Return all of an objective that does not depend on the reference.
+        """Return all of an objective that does not depend on the reference of states.
 
         `values` has every number, (n,); `outputs` and `tuned` are of the methods `outputs` and
-        `tuned_bounds`.
+        `tuned_bounds`; `rest` are references of inputs, which may lie outside their bounds.
         """
         n, nx = len(values[self._discount]), len(self._states)
         parameters = [values[name] for name in self._model.parameters]
@@ -232,22 +239,21 @@ class Programme:
                 states[:, -1, outputs.states] = gamma[:, -1:] * np.einsum("nii->ni", last)
         inputs = now * direct[:, None]
         bounds = self._state_bounds(outputs, values, diagonal[:, :nx], tuned)
-        return Weighed(outputs, values, theta, gamma, weight, stage, end, states, inputs, bounds)
+        return Weighed(
+            outputs, values, theta, gamma, weight, stage, end, states, inputs, bounds, rest,
+            self.clip(rest),
+        )  # fmt: skip
 
-    def objective(
-        self, weighed: Weighed, reference: np.ndarray, rest: np.ndarray
-    ) -> tuple[Objective, np.ndarray]:
+    def objective(self, weighed: Weighed, reference: np.ndarray) -> tuple[Objective, np.ndarray]:
         """Return what n environments minimise, and the parameters theta of the model with outputs.
 
         Args:
             weighed: From `weigh`.
             reference: Of states (n, N, nx).
-            rest: Of inputs (n, nu), 0 where there is none; it may lie outside their bounds.
         """
         outputs, states, stage, end = weighed.outputs, weighed.states, weighed.stage, weighed.end
+        rest, inside = weighed.rest, weighed.inside
         n, horizon, _ = reference.shape
-        # What is applied and linearised about lies in the bounds, whatever the cost's centre is.
-        inside = self.clip(rest)
         if self.of_regulator:
             at = weighed.theta, reference[:, -1].copy(), inside[:, None]
             _, a, b = self._model.linearise(*at)

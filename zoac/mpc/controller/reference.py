@@ -58,22 +58,24 @@ class Reference:
         """The parts of the observation that are references of states."""
         return list(self._columns.values())
 
-    def __call__(
-        self, obs: np.ndarray, values: Mapping[str, np.ndarray]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the references (n, N, nx) of states and (n, nu) of inputs, 0 where none is given.
+    def of_rest(self, values: Mapping[str, np.ndarray], n: int) -> np.ndarray:
+        """Return the references (n, nu) of inputs, 0 where none is given."""
+        inputs = np.zeros((n, self._count))
+        for j, name in self._inputs:
+            inputs[:, j] = values[name]
+        return inputs
+
+    def __call__(self, obs: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Return the references (n, N, nx) of states, 0 where none is given.
 
         Raises:
             ControllerError: If an observation or the function's answer does not fit.
         """
         n, (horizon, nx) = len(obs), self._shape
-        inputs = np.zeros((n, self._count))
-        for j, name in self._inputs:
-            inputs[:, j] = values[name]
         if self.function is not None:
             found = np.asarray(self.function(obs.copy()), dtype=np.float64)
             try:
-                return np.broadcast_to(found, (n, horizon, nx)).copy(), inputs
+                return np.broadcast_to(found, (n, horizon, nx)).copy()
             except ValueError:
                 raise ControllerError(
                     f"reference=...: the function returned {found.shape}, expected "
@@ -90,4 +92,4 @@ class Reference:
                     f"{found.shape[1]} columns, expected 1 or {horizon}, the horizon"
                 )
             states[:, :, i] = found
-        return states, inputs
+        return states

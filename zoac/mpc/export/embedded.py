@@ -109,8 +109,9 @@ def of_mpc(mpc: Any, parameters: Mapping[str, float], observation: int | None) -
     observations = np.vstack([np.zeros(length), np.eye(length)])
     given = {name: np.full(length + 1, value) for name, value in parameters.items()}
     values = mpc.numbers.rows(given, length + 1)
-    weighed = programme.weigh(outputs, values, mpc.options.horizon, frozenset())
-    objective, theta = programme.objective(weighed, *reference(observations, values))
+    rest = reference.of_rest(values, length + 1)
+    weighed = programme.weigh(outputs, values, rest, mpc.options.horizon, frozenset())
+    objective, theta = programme.objective(weighed, reference(observations, values))
     targets = objective.reference.reshape(length + 1, -1)
     outer = programme.box(mpc.numbers.values)
     low, high = programme.box({name: value[0] for name, value in values.items()})
