@@ -17,8 +17,7 @@ _log = logging.getLogger(__name__)
 class Attempt:
     """One solve of n problems; what failed is solved once more, carefully.
 
-    Problems that are not finite never reach a solver that does not screen them itself. `retried` is
-    None where all were solved at once.
+    Problems that are not finite never reach a solver that does not screen them itself.
     """
 
     def __init__(self, solver: Solver, problem: LinearisedProblem) -> None:
@@ -31,8 +30,8 @@ class Attempt:
             self.inputs = np.zeros_like(problem.inputs)
             self.status = np.full(n, _NOT_FINITE, dtype=np.int8)
             self._solve_some(solver, problem, np.all(finite, axis=0), robust=False)
-        self.retried: np.ndarray | None = None
-        if np.count_nonzero(self.status):  # SOLVED is zero
+        self.troubled = np.count_nonzero(self.status) > 0  # SOLVED is zero
+        if self.troubled:
             self.retried = (self.status != _SOLVED) & (self.status != _NOT_FINITE)
             self._solve_some(solver, problem, self.retried, robust=True)
             for env_index in np.flatnonzero(self.status):

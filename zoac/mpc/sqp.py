@@ -201,36 +201,43 @@ class SequentialQp:
         Raises:
             ConfigError: In the first call, if the model's Jacobians are not as sparse as it says.
         """
-        n, seconds = len(start), 0.0
-        inputs, status = np.empty_like(guess), np.empty(n, dtype=np.int8)
-        retried, count = np.zeros(n, dtype=bool), np.empty(n, dtype=np.int64)
-        on, before = np.arange(n), guess  # environments that go on; below, only they
+        n = len(start)
+        inputs = np.empty_like(guess)
+        status = np.empty(n, dtype=np.int8)
+        retried = np.zeros(n, dtype=bool)
+        count = np.empty(n, dtype=np.int64)
+        seconds = 0.0
+        env_indices: slice | np.ndarray = slice(None)  # those that go on; below, only they
+        before = guess
         for posed in range(1, self._limit + 1):
             problem = self._linearise(theta, start, objective, before)
             if problem.sparsity is not None and not self._checked:
                 problem.sparsity.check(problem.a, problem.b)
                 self._checked = True
             attempt = Attempt(self._solver, problem)
+            after, ends = attempt.inputs, None
             seconds += attempt.seconds
-            after, ends = attempt.inputs, np.zeros(len(on), dtype=bool)
-            if attempt.retried is not None:
+            if attempt.troubled:
                 ends = attempt.status != _SOLVED
-                retried[on] |= attempt.retried
+                retried[env_indices] |= attempt.retried
                 last = objective.rest[:, None] if posed == 1 else before
                 after = np.where(ends[:, None, None], last, after)
             if self._until_converged:
                 change = np.abs(after - before)
-                ends |= (change <= CONVERGED * self._scale(problem, after)).all((1, 2))
-            if posed == self._limit:
-                ends[:] = True
-            before = after if posed < self._undamped else 0.5 * (before + after)
-            if np.count_nonzero(ends):
-                done, more = on[ends], ~ends
-                inputs[done], status[done], count[done] = after[ends], attempt.status[ends], posed
-                if ends.all():
-                    break
-                on, theta, start, before = on[more], theta[more], start[more], before[more]
-                objective = objective.take(more)
+                stands = (change <= CONVERGED * self._scale(problem, after)).all((1, 2))
+                ends = stands if ends is None else ends | stands
+            following = after if posed < self._undamped else 0.5 * (before + after)
+            if posed < self._limit and (ends is None or not ends.any()):
+                before = following
+                continue
+            inputs[env_indices], status[env_indices] = after, attempt.status
+            count[env_indices] = posed
+            if posed == self._limit or ends is None or ends.all():
+                break
+            on = ~ends
+            env_indices = np.arange(n)[env_indices][on]
+            theta, start, before = theta[on], start[on], following[on]
+            objective = objective.take(on)
         return Plan(inputs, status, retried, count, seconds)
 
     def _scale(self, problem: LinearisedProblem, plan: np.ndarray) -> np.ndarray:
