@@ -93,10 +93,10 @@ class ModelWithOutputs:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See `zoac.mpc.sqp.PredictiveModel`; `start` (n, nz), of which outputs are not read."""
         nx, nu = self._nx, self._nu
+        if self.size == nx:
+            return self._model.linearise(theta, start, inputs)
         own, after = theta[:, : self._count], theta[:, self._count :]
         inner, a_inner, b_inner = self._model.linearise(own, start[:, :nx].copy(), inputs)
-        if self.size == nx:
-            return inner, a_inner, b_inner
         n, horizon, _ = inputs.shape
         states = np.zeros((n, horizon + 1, self.size))
         a, b = np.zeros((n, horizon, self.size, self.size)), np.zeros((n, horizon, self.size, nu))

@@ -253,7 +253,10 @@ class Programme:
         """
         outputs, states, stage, end = weighed.outputs, weighed.states, weighed.stage, weighed.end
         rest, inside = weighed.rest, weighed.inside
-        n, horizon, _ = reference.shape
+        n, horizon, nx = reference.shape
+        if outputs.size == nx:  # nothing but the model's states
+            target = reference
+            return Objective(target, states, weighed.inputs, inside, weighed.bounds), weighed.theta
         if self.of_regulator:
             at = weighed.theta, reference[:, -1].copy(), inside[:, None]
             _, a, b = self._model.linearise(*at)
