@@ -20,6 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 from zoac.run import command
 
@@ -68,10 +69,11 @@ def message(case: Case) -> tuple[int, str]:
 
 def answer(*arguments: str) -> tuple[int, str, str]:
     """Return exit code, output and errors of `python -m zoac.run`, called in this process."""
-    argv, full_error = sys.argv, os.environ.get("HYDRA_FULL_ERROR")
-    sys.argv = ["zoac.run", *arguments]
     output, errors, code = io.StringIO(), io.StringIO(), 0
-    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
+    with (
+        mock.patch.dict(os.environ), mock.patch.object(sys, "argv", ["zoac.run", *arguments]),
+        contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors),
+    ):  # fmt: skip
         try:
             command.main()
         except SystemExit as stop:
@@ -81,10 +83,6 @@ def answer(*arguments: str) -> tuple[int, str, str]:
         except BaseException:
             traceback.print_exc()
             code = 99
-        finally:
-            sys.argv = argv
-            if full_error is None:
-                os.environ.pop("HYDRA_FULL_ERROR", None)
     return code, output.getvalue(), errors.getvalue()
 
 

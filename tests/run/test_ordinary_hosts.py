@@ -81,7 +81,7 @@ def test_where_compiled_code_cannot_be_kept_one_line_says_so(monkeypatch, capsys
         return compile_now(*function, **options)
 
     monkeypatch.setattr(numba, "njit", njit)
-    monkeypatch.setattr(zoac.mpc.compiled, "_told", [])
+    monkeypatch.setattr(zoac.mpc.compiled, "_said", set())
     twice = compiled(error_model="numpy")(lambda x: 2 * x)
     thrice = compiled()(lambda x: 3 * x)
     assert (twice(2), thrice(2)) == (4, 6)

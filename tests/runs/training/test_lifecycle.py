@@ -114,8 +114,8 @@ def test_the_processors_model_is_on_record_where_the_system_tells_it(told, model
     assert provenance.here_and_now()["machine"]["processor"] == model
 
 
-def test_a_run_that_goes_on_elsewhere_is_told_so(tmp_path, monkeypatch, capsys):
-    stopped(tmp_path, Drift, monkeypatch)
+def test_a_run_that_goes_on_elsewhere_is_told_so(tmp_path, stopping, capsys):
+    stopped(stopping, tmp_path, Drift)
     record = json.loads((tmp_path / schema.RUN).read_text())
     record["machine"]["processor"] = "An Older Chip"
     record["versions"] |= {"torch": "0.1", "gonelib": "0.1"}

@@ -193,13 +193,9 @@ class Programme:
         )
 
     def weigh(
-        self,
-        outputs: ModelWithOutputs,
-        values: Values,
-        rest: np.ndarray,
-        horizon: int,
+        self, outputs: ModelWithOutputs, values: Values, rest: np.ndarray, horizon: int,
         tuned: frozenset[str],
-    ) -> Weighed:
+    ) -> Weighed:  # fmt: skip
         """Return all of an objective that does not depend on the reference of states.
 
         `values` has every number, (n,); `outputs` and `tuned` are of the methods `outputs` and
@@ -239,10 +235,8 @@ class Programme:
                 states[:, -1, outputs.states] = gamma[:, -1:] * np.einsum("nii->ni", last)
         inputs = now * direct[:, None]
         bounds = self._state_bounds(outputs, values, diagonal[:, :nx], tuned)
-        return Weighed(
-            outputs, values, theta, gamma, weight, stage, end, states, inputs, bounds, rest,
-            self.clip(rest),
-        )  # fmt: skip
+        return Weighed(outputs, values, theta, gamma, weight, stage, end, states, inputs, bounds,
+                       rest, self.clip(rest))  # fmt: skip
 
     def objective(self, weighed: Weighed, reference: np.ndarray) -> tuple[Objective, np.ndarray]:
         """Return what n environments minimise, and the parameters theta of the model with outputs.
