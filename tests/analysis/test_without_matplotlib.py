@@ -1,10 +1,10 @@
 """Matplotlib is an extra: what draws names it, what does not draw needs it not."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests import commands
 
 ROOT = Path(__file__).parents[2]
 MESSAGE = "error: figures need Matplotlib: pip install 'zoac[figures]'"
@@ -17,6 +17,8 @@ TABLES = {"table2", "beyond"}
 CODE = f"""
 import sys
 
+for name in [name for name in sys.modules if name.startswith("matplotlib.")]:
+    del sys.modules[name]
 sys.modules["matplotlib"] = None
 from importlib import import_module
 
@@ -50,10 +52,8 @@ for name, options in {COMMANDS!r}.items():
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
-    done = subprocess.run(
-        [sys.executable, "-c", CODE], cwd=folder, capture_output=True, text=True, check=False,
-        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(folder)},
-    )  # fmt: skip
+    env = {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(folder)}
+    done = commands.run("-c", CODE, cwd=folder, env=env)
     assert done.returncode == 0, done.stderr
     return done
 

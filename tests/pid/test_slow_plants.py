@@ -20,7 +20,7 @@ LIMITS = {"none": (-np.inf, np.inf), "weak": (-1.2, 1.2)}
 def short(monkeypatch):
     """Short episodes show the same, sooner."""
     monkeypatch.setattr(design, "MAX_STEPS", 200)
-    monkeypatch.setattr(tuning, "EPISODES", 40)
+    monkeypatch.setattr(tuning, "EPISODES", 24)
 
 
 @pytest.mark.parametrize(
