@@ -1,15 +1,12 @@
 """Every Python block of every page runs, in the order of the page; the site builds strictly."""
 
 import importlib.util
-import io
 import json
 import os
 import re
 import shlex
 import subprocess
 import sys
-import threading
-from contextlib import redirect_stdout
 from pathlib import Path
 
 import pytest
@@ -19,7 +16,6 @@ import zoac
 from tests.analysis.folders import write_run
 from tests.docs import options
 from zoac.pid import tuning
-from zoac.study.commands import command
 
 ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -82,46 +78,20 @@ def test_the_modules_and_files_that_its_commands_name_exist(page):
                 assert (ROOT / words[1]).is_file(), line
 
 
-ANSWERED = f"""
-python() {{
-    if [ "$1" = -c ]; then "{sys.executable}" "$@"; return; fi
-    printf '%s\\n' "$@" > asked
-    read code < answered
-    cat told
-    return "$code"
-}}
-"""
-"""`python` as a function of the shell, whose modules run in the process of the test."""
-
-
-def answer(folder):
-    """Carry out the commands that are asked for, until nothing is."""
-    while words := (folder / "asked").read_text().splitlines():
-        with redirect_stdout(io.StringIO()) as told:
-            code = command(words[2:]) if words[:2] == ["-m", "zoac.study"] else 2
-        (folder / "told").write_text(told.getvalue())
-        (folder / "answered").write_text(f"{code}\n")
-
-
-def test_the_shell_script_at_the_rig_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_shell_script_at_the_rig_runs(tmp_path):
     (tmp_path / "space.yaml").write_text(*blocks("rig.md", "yaml"))
     experiment = tmp_path / "experiment"
     experiment.write_text("#!/bin/sh\ngrep -q '\"number\": 1' && exit 7\necho 3.5\n")
     experiment.chmod(0o755)
+    python = f'python() {{ "{sys.executable}" "$@"; }}\n'
     (script,) = blocks("rig.md", "sh")
     assert len(script.splitlines()) < 40
-    for name in ("asked", "answered"):
-        os.mkfifo(tmp_path / name)
-    answering = threading.Thread(target=answer, args=[tmp_path], daemon=True)
-    answering.start()
-    shell = subprocess.Popen(["sh", "-c", ANSWERED + script.replace("60", "2")], cwd=tmp_path,
-                             text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)  # fmt: skip
-    out, err = shell.communicate()
-    (tmp_path / "asked").write_text("")
-    answering.join()
-    assert shell.returncode == 0, err
-    *_, best, exported = map(json.loads, out.splitlines())
+    script = python + script.replace("60", "2")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(["sh", "-c", script], cwd=tmp_path, env=environment,
+                          capture_output=True, text=True)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    *_, best, exported = map(json.loads, done.stdout.splitlines())
     assert (best["number"], best["cost"]) == (2, 3.5)
     assert exported == {"file": "gains.h"}
     assert "/* N/m */" in (tmp_path / "gains.h").read_text()
