@@ -27,6 +27,8 @@ class Started:
         server, folder = _server()
         self.args, self.returncode = [sys.executable, *map(str, arguments)], None
         self._output = Path(tempfile.mkdtemp(dir=folder))
+        for name in prepared.OUTPUTS:
+            (self._output / name).touch()
         order = {"arguments": self.args[1:], "cwd": str(cwd), "output": str(self._output),
                  "environment": dict(os.environ if env is None else env)}  # fmt: skip
         server.stdin.write(json.dumps(order) + "\n")
@@ -45,14 +47,15 @@ class Started:
         while self.poll() is None:
             if time.monotonic() > deadline:
                 self.send_signal(signal.SIGKILL)
-                raise subprocess.TimeoutExpired(self.args, timeout, *self._written())
+                raise subprocess.TimeoutExpired(self.args, timeout, *self.written())
             time.sleep(0.01)
-        return self._written()
+        return self.written()
 
     def send_signal(self, number):
         os.kill(self.pid, number)
 
-    def _written(self):
+    def written(self):
+        """Return what it wrote so far to standard output and to standard error."""
         return tuple((self._output / name).read_text() for name in prepared.OUTPUTS)
 
 

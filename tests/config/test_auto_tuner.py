@@ -40,15 +40,9 @@ def test_it_is_chosen_by_parameters_and_specs(dimension, with_specs, name):
     assert chosen.settings == ({"common_random_numbers": True} if common else {})
 
 
-def test_it_is_the_default_and_the_tuner_it_chose_is_recorded():
-    result = zoac.tune(task="lqr", budget=40_000, quiet=True, final_episodes=2)
-    assert np.isfinite(result.cost_mean)
-    assert zoac.load_result(result.folder).record["tuner"] == "cmaes_plus"
-    told = schema.read_run(result.folder)["tuner_choices"]["auto"]
-    assert told == "cmaes_plus with common random numbers, for 2 parameters"
-
-
-OPTIONS = ("task=lqr", "tuner=auto", "eval_every=20000", "evaluation.final_episodes=2")
+OPTIONS = (
+    "task=lqr", "tuner=auto", "num_envs=10", "evaluation.episodes=1", "evaluation.final_episodes=2"
+)  # fmt: skip
 
 
 def on_the_command_line(folder, *overrides):
@@ -56,14 +50,20 @@ def on_the_command_line(folder, *overrides):
     return run_session(config, task="lqr", tuner="auto", command=[])
 
 
-def test_the_command_line_follows_the_same_rule_and_says_so_in_its_first_lines(tmp_path, capsys):
-    record = on_the_command_line(tmp_path, "budget=40000")
-    twin = zoac.tune(task="lqr", budget=40_000, eval_every=20_000, quiet=True, final_episodes=2)
+def test_it_is_the_default_and_the_command_line_does_and_tells_the_same(tmp_path, capsys):
+    record = on_the_command_line(tmp_path, "budget=20000")
+    twin = zoac.tune(
+        task="lqr", budget=20_000, num_envs=10, quiet=True, episodes=1, final_episodes=2
+    )
+    assert np.isfinite(twin.cost_mean)
     assert record["parameters"] == twin.parameters
-    run = schema.read_run(tmp_path / "lqr" / "auto" / "seed=0")
+    assert record["parameters"] != zoac.make_task("lqr").baseline
+    assert zoac.load_result(twin.folder).record["tuner"] == "cmaes_plus"
     told = "cmaes_plus with common random numbers, for 2 parameters"
-    assert run["tuner_choices"]["auto"] == told
-    assert run["config"]["tuner"]["_target_"].endswith("CmaEs")
+    of_command = schema.read_run(tmp_path / "lqr" / "auto" / "seed=0")
+    for run in (of_command, schema.read_run(twin.folder)):
+        assert run["tuner_choices"]["auto"] == told
+    assert of_command["config"]["tuner"]["_target_"].endswith("CmaEs")
     assert capsys.readouterr().out.splitlines()[1] == f"  auto: {told}"
 
 

@@ -26,13 +26,13 @@ def test_experiments_replace_the_budget(tmp_path):
 
 def test_the_command_line_has_them_too(tmp_path):
     code, out, _ = bad_inputs.answer(
-        "task=lqr", "tuner=auto", "experiments=250", "num_envs=50",
-        "evaluation.final_episodes=1", f"runs_dir={tmp_path}", "variant=v",
+        "task=lqr", "tuner=auto", "experiments=20", "num_envs=5",
+        "evaluation.episodes=1", "evaluation.final_episodes=1", f"runs_dir={tmp_path}", "variant=v",
     )  # fmt: skip
     assert code == 0
-    assert f"{250 * STEPS:,} steps" in out
+    assert f"{20 * STEPS:,} steps" in out
     config = identity(tmp_path / "lqr/auto/seed=0/variant=v")["config"]
-    assert (config["experiments"], config["budget"]) == (250, 250 * STEPS)
+    assert (config["experiments"], config["budget"]) == (20, 20 * STEPS)
 
 
 @pytest.mark.parametrize(

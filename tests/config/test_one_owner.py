@@ -77,11 +77,29 @@ def test_the_runs_file_states_the_settings_defaults():
 
 
 PRESETS = [path.relative_to(CONF / "preset") for path in (CONF / "preset").rglob("*.yaml")]
-PAIRS = {
-    *zip(choices("task"), itertools.cycle(choices("tuner"))),
-    *((str(path.parent), path.stem) for path in PRESETS),
+PAIRS = {(str(path.parent), path.stem) for path in PRESETS}
+
+
+def other_tasks():
+    """Yield those without a preset; of files with the same keys for the same class one will do."""
+    kinds = set()
+    for task in sorted(set(choices("task")) - {task for task, _ in PAIRS}):
+        text = (CONF / "task" / f"{task}.yaml").read_text()
+        plain = "defaults:" not in text and "${" not in text
+        node = OmegaConf.to_container(OmegaConf.create(text))
+        kind = (node["_target_"], *sorted(node)) if plain else task
+        if kind not in kinds:
+            kinds.add(kind)
+            yield task
+
+
+OTHER_TUNERS = sorted(set(choices("tuner")) - {tuner for _, tuner in PAIRS})
+OTHER_TASKS = list(other_tasks())
+PAIRS |= {
+    *zip(itertools.cycle(OTHER_TASKS), OTHER_TUNERS),
+    *zip(OTHER_TASKS, itertools.cycle(OTHER_TUNERS)),
 }
-"""Every file once; a task and a tuner have only a preset in common."""
+"""A task and a tuner have only a preset in common."""
 
 
 @pytest.mark.parametrize(("task", "tuner"), sorted(PAIRS))

@@ -65,20 +65,21 @@ def wheel(clone, tmp_path_factory):
 
 
 USE = """
-import sys, gymnasium, zoac.baselines, zoac.analysis
-from zoac.run.command import main
+import contextlib, runpy, sys
+sys.argv[1:] = ["--help"]
+with contextlib.suppress(SystemExit):
+    runpy.run_module("zoac.run", run_name="__main__", alter_sys=True)
+import gymnasium, zoac.baselines, zoac.analysis
 gymnasium.make('zoac/PidAcc-v0')
 sys.argv[1:] = ["task=pidacc"]
-main()
+runpy.run_module("zoac.run", run_name="__main__", alter_sys=True)
 """
 
 
 def answers(python, cwd):
     """Check --help, and that config, subpackages and a user's error work."""
-    helped = run(str(python), "-m", "zoac.run", "--help", cwd=cwd)
-    assert helped.returncode == 0, helped.stderr
-    assert "pid_acc" in helped.stdout
     done = run(str(python), "-c", USE, cwd=cwd)
+    assert "pid_acc" in done.stdout
     assert done.stderr.startswith("error: unknown task 'pidacc'; did you mean 'pid_acc'")
 
 

@@ -61,7 +61,7 @@ def prepare(overrides):
 
 
 @given(OVERRIDES)
-@settings(derandomize=True, max_examples=int(os.environ.get("ZOAC_FUZZ", 25)))
+@settings(derandomize=True, max_examples=int(os.environ.get("ZOAC_FUZZ", 12)))
 @example(["task._target_=os.getcwd"])
 @example(["tuner._target_=zoac.tasks.pid_acc.PidAcc"])
 @example(["hydra=3"])

@@ -58,6 +58,7 @@ def run_script(name, shown):
 
 def test_the_first_example_prints_the_table(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("zoac.pid.tuning.EPISODES", 400)
     run_script("first", EXAMPLES[0])
     (table,) = (text for language, text in BLOCKS if language == "text")
     rows, shown = capsys.readouterr().out.splitlines()[-7:], table.splitlines()

@@ -1,8 +1,10 @@
 """The command `zoac`."""
 
+import os
 import subprocess
 import sys
 from importlib import import_module
+from unittest import mock
 
 import pytest
 
@@ -24,7 +26,8 @@ def called(monkeypatch, capsys):
         monkeypatch.setattr(sys, "argv", ["zoac", *arguments])
         code = 0
         try:
-            main()
+            with mock.patch.dict(os.environ):
+                main()
         except SystemExit as end:
             code = end.code
         out, err = capsys.readouterr()

@@ -20,7 +20,7 @@ from zoac.runs.training import identity
 
 optuna = pytest.importorskip("optuna", reason="pip install 'zoac[search]'")
 
-from zoac.search.__main__ import split  # noqa: E402
+from zoac.search.__main__ import main, split  # noqa: E402
 from zoac.search.ranges import distributions  # noqa: E402
 from zoac.search.search import Search, origin  # noqa: E402
 
@@ -249,19 +249,21 @@ def outcome(folder):
     return sorted((origin(t), t.params, t.value) for t in done)
 
 
-def test_a_killed_process_loses_nothing_and_two_share_a_study(tmp_path):
+def test_a_killed_process_loses_nothing_and_two_share_a_study(tmp_path, monkeypatch):
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     whole.mkdir()
     parts.mkdir()
-    untouched = start("budget=8000", cwd=whole)
-    victim = start("budget=8000", cwd=parts)
+    victim = start("budget=4000", cwd=parts)
     while not list(parts.rglob("current.ckpt")) and victim.poll() is None:
         time.sleep(0.01)
     victim.send_signal(signal.SIGKILL)
     victim.communicate()
     assert not list(parts.rglob("result.json"))
-    both = [start("budget=8000", cwd=parts) for _ in range(2)]
-    for process in (untouched, *both):
+    both = [start("budget=4000", cwd=parts) for _ in range(2)]
+    monkeypatch.chdir(whole)
+    monkeypatch.setattr(sys, "argv", ["", *COMMAND, "budget=4000", "search.trials=1"])
+    main()
+    for process in both:
         _, errors = process.communicate(timeout=300)
         assert process.returncode == 0, errors
     assert len(outcome(parts)) == 2
