@@ -232,7 +232,7 @@ NAMED = {"observations": ["position", "speed"], "actions": {"force": [-5.0, 5.0]
          "stop_time": STEPS * STEP}  # fmt: skip
 
 
-def test_a_configuration_names_an_fmu(path):
+def test_a_configuration_names_an_fmu(path, forked_workers):
     def named(**options):
         node = {"_target_": "zoac.tasks.user_task.user_task", "env": str(path),
                 "controller": "tests.envs.test_fmu.pd", "space": {"kp": [0, 10], "kd": [0, 10]},

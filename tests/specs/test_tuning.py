@@ -227,7 +227,7 @@ def test_figures_of_a_loop_count_for_every_episode_and_are_computed_once():
     assert calls == pytest.approx([2.0, 8.0])
 
 
-def test_processes_give_the_same_bits(result):
+def test_processes_give_the_same_bits(result, forked_workers):
     other = tuned(executor="process")
     assert other.parameters == result.parameters
     assert other.cost_per_episode == result.cost_per_episode

@@ -282,7 +282,7 @@ def test_a_study_is_its_folder(tmp_path):
     assert study(tmp_path, seed=3).trials == made.trials
     assert json.loads((tmp_path / "run.json").read_text())["tuner_name"] == "Random search"
     with pytest.raises(RunFolderError, match="other settings:\n  budget: 30, now 40"):
-        study(tmp_path, seed=3, experiments=40)
+        study(tmp_path, seed=3, experiments=20)
     with pytest.raises(RunFolderError, match="there is no study in .*; create it"):
         Study(folder=tmp_path / "elsewhere")
     with pytest.raises(ConfigError, match="a study needs a space"):
@@ -350,7 +350,7 @@ def test_a_journal_that_became_shorter_is_refused(tmp_path):
 
 
 def test_processes_at_once_lose_and_double_nothing(tmp_path):
-    study(tmp_path, tuner="random", experiments=40)
+    study(tmp_path, tuner="random", experiments=20)
     code = f"""
 import os, time
 from zoac.study.study import Study
@@ -368,7 +368,7 @@ for trial in study:
         time.sleep(0.01)
     (tmp_path / "go").touch()
     numbers = [int(n) for process in running for n in process.communicate()[0].split()]
-    assert sorted(numbers) == list(range(1, 41))
+    assert sorted(numbers) == list(range(1, 21))
     assert [process.returncode for process in running] == [0] * 3
     made = Study(folder=tmp_path)
     assert [t.cost for t in made.trials] == [t.parameters["kp"] for t in made.trials]

@@ -74,7 +74,7 @@ def stopped_and_resumed(tmp_path, stopping, monkeypatch, *overrides, after=1):
 @pytest.mark.parametrize("task", [t for t in names("task") if t not in NO_STATE_OF_THEIR_OWN])
 def test_no_task_of_zoac_needs_a_pickle(task, tmp_path, stopping, monkeypatch):
     whole, resumed = stopped_and_resumed(
-        tmp_path, stopping, monkeypatch, f"task={task}", "tuner=zoac_plus", "budget=300", after=2
+        tmp_path, stopping, monkeypatch, f"task={task}", "tuner=zoac_plus", "budget=150", after=2
     )
     assert resumed == whole
 
@@ -89,7 +89,7 @@ def test_no_task_of_zoac_needs_a_pickle(task, tmp_path, stopping, monkeypatch):
 def test_no_other_tuner_of_zoac_needs_a_pickle(tuner, wrapping, tmp_path, stopping, monkeypatch):
     if tuner == "random":  # takes no start
         wrapping = [term for term in wrapping if not term.startswith("initial_samples")]
-    budget, after = ("budget=200", 4) if tuner in MODELS else ("budget=600", 2)
+    budget, after = ("budget=150", 4) if tuner in MODELS else ("budget=600", 2)
     whole, resumed = stopped_and_resumed(
         tmp_path, stopping, monkeypatch, "task=pid_acc", f"tuner={tuner}", budget, *wrapping,
         *MODELS.get(tuner, []), after=after,
@@ -110,7 +110,7 @@ def test_a_librarys_optimiser_continues_bit_for_bit(tuner, tmp_path, stopping):
 
 
 @pytest.mark.parametrize("executor", ["serial", "process"])
-def test_a_users_objects_continue_bit_for_bit(executor, tmp_path, stopping):
+def test_a_users_objects_continue_bit_for_bit(executor, tmp_path, stopping, forked_workers):
     def tune(folder, executor=executor):
         return zoac.tune(
             env=Drift, controller=Integrator(), space={"k": (0, 2)}, budget=300, num_envs=2,

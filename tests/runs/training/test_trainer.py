@@ -178,13 +178,13 @@ def test_a_logger_that_fails_does_not_end_the_run(tmp_path, capsys):
     assert json.loads((tmp_path / "metrics.jsonl").read_text()) == {"kind": "train", "x": 1.5}
 
 
-def test_processes_give_the_bits_of_serial(tmp_path, whole):
+def test_processes_give_the_bits_of_serial(tmp_path, whole, forked_workers):
     spread = train(tmp_path, executor=Process(workers=2))
     assert spread["x"] == whole.result["x"]
     assert same_rows(tmp_path, whole.folder)
 
 
-def test_a_run_begun_in_processes_goes_on_in_serial(tmp_path, whole):
+def test_a_run_begun_in_processes_goes_on_in_serial(tmp_path, whole, forked_workers):
     stopped(tmp_path, 3, executor=Process(workers=2))
     assert train(tmp_path)["x"] == whole.result["x"]
 
@@ -199,7 +199,9 @@ class _Busy(Zoac):
         super().background_update()
 
 
-def test_what_the_tuner_does_beside_an_evaluation_is_the_tuners_time(tmp_path, monkeypatch):
+def test_what_the_tuner_does_beside_an_evaluation_is_the_tuners_time(
+    tmp_path, monkeypatch, forked_workers
+):
     _Busy.hours = 0
     clock = SimpleNamespace(
         perf_counter=lambda: time.perf_counter() + 3600 * _Busy.hours,
