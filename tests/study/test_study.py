@@ -282,7 +282,7 @@ def test_a_study_is_its_folder(tmp_path):
     assert study(tmp_path, seed=3).trials == made.trials
     assert json.loads((tmp_path / "run.json").read_text())["tuner_name"] == "Random search"
     with pytest.raises(RunFolderError, match="other settings:\n  budget: 30, now 40"):
-        study(tmp_path, seed=3, experiments=20)
+        study(tmp_path, seed=3, experiments=40)
     with pytest.raises(RunFolderError, match="there is no study in .*; create it"):
         Study(folder=tmp_path / "elsewhere")
     with pytest.raises(ConfigError, match="a study needs a space"):
