@@ -71,9 +71,9 @@ def problem(seed: int = 0, episodes: int = 100, **changes: Any) -> Problem:
     return replace(made, **changes)
 
 
-def engine(seed: int = 0) -> RolloutEngine:
-    seeds = [stream_seed(seed, "lane", env_index) for env_index in range(NUM_ENVS)]
-    return RolloutEngine(Quadratic(), range(NUM_ENVS), seeds)
+def engine(seed: int = 0, num_envs: int = NUM_ENVS) -> RolloutEngine:
+    seeds = [stream_seed(seed, "lane", env_index) for env_index in range(num_envs)]
+    return RolloutEngine(Quadratic(), range(num_envs), seeds)
 
 
 def tuner_config(name: str) -> dict[str, Any]:

@@ -1,11 +1,10 @@
-import subprocess
-import sys
 from dataclasses import replace
 
 import nevergrad as ng
 import numpy as np
 import pytest
 
+from tests import commands
 from tests.baselines.support import STEPS, drive, engine, problem
 from zoac.baselines.cmaes import CmaEs
 from zoac.baselines.nevergrad import Nevergrad
@@ -54,14 +53,14 @@ def test_a_package_that_lacks_is_named():
         Nevergrad(problem(), name="FCMA").ask()
 
 
-def test_an_optimiser_in_a_thread_lets_python_exit():
+def test_an_optimiser_in_a_thread_lets_python_exit(tmp_path):
     code = (
         "from tests.baselines.support import problem\n"
         "from zoac.baselines.nevergrad import Nevergrad\n"
         "tuner = Nevergrad(problem(), name='Powell')\n"
         "tuner.ask()\n"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=300)
+    commands.run("-c", code, cwd=tmp_path, check=True)
 
 
 def spread_of_first_generations(tuner, n=60):

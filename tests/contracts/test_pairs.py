@@ -22,9 +22,12 @@ def names(group):
 
 
 def pairs():
-    """Every tuner on one task, three kinds of tuners on every task, and all that have a preset."""
+    """Every tuner on one task, segments on every task, and all that have a preset.
+
+    Whole episodes of every task are those of the evaluations.
+    """
     of_one = product(["lqr"], names("tuner"))
-    of_all = product(names("task"), ["nominal", "random", "zoac_plus"])
+    of_all = product(names("task"), ["nominal", "zoac_plus"])
     presets = [(p.parent.name, p.stem) for p in (CONF / "preset").glob("*/*.yaml")]
     return sorted({*of_one, *of_all, *presets})
 

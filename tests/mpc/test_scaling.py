@@ -21,25 +21,27 @@ from zoac.mpc.solvers.scaling import units
 SOLVERS = [ClarabelSolver, CvxpySolver, Riccati]
 
 
-def two_masses(s: float, horizon: int = 25) -> LinearisedProblem:
-    """Return a mass that is pushed and one that a spring pulls after it, positions in 1/s metres.
+def three_masses(s: float, horizon: int = 25) -> LinearisedProblem:
+    """Return masses between springs, of which the first two are pushed, positions in 1/s metres.
 
     Of the cart-poles' size, since a size takes long to compile.
     """
-    metres = np.array([s, 1.0, s, 1.0])
-    a = np.eye(4) + 0.1 * np.array([[0, 1, 0, 0], [-1, 0, 1, 0], [0, 0, 0, 1], [1, 0, -1, 0]])
-    b = np.array([[0.005], [0.1], [0.0], [0.0]])
-    states = np.tile(metres * [0.1, 0.0, 0.0, 0.0], (1, horizon + 1, 1))
+    metres = np.array([s, 1.0] * 3)
+    springs = np.array([[-1.0, 1.0, 0.0], [1.0, -2.0, 1.0], [0.0, 1.0, -1.0]])
+    moves = np.kron(np.eye(3), [[0, 1], [0, 0]]) + np.kron(springs, [[0, 0], [1, 0]])
+    a = np.eye(6) + 0.1 * moves
+    b = np.kron(np.eye(3, 2), [[0.005], [0.1]])
+    states = np.tile(metres * [0.1, 0.0, 0.0, 0.0, 0.0, 0.0], (1, horizon + 1, 1))
     return LinearisedProblem(
         states=states,
-        inputs=np.zeros((1, horizon, 1)),
+        inputs=np.zeros((1, horizon, 2)),
         a=np.tile(a * metres[:, None] / metres, (1, horizon, 1, 1)),
         b=np.tile(b * metres[:, None], (1, horizon, 1, 1)),
-        reference=np.zeros((1, horizon, 4)),
+        reference=np.zeros((1, horizon, 6)),
         state_weights=np.tile(metres**-2.0, (1, horizon, 1)),
-        input_weights=np.full((1, horizon, 1), 0.1),
-        input_low=np.array([-1.0]),
-        input_high=np.array([1.0]),
+        input_weights=np.full((1, horizon, 2), 0.1),
+        input_low=np.array([-1.0, -1.0]),
+        input_high=np.array([1.0, 1.0]),
     )
 
 
@@ -62,8 +64,8 @@ def in_units(problem: LinearisedProblem, x: np.ndarray, u: np.ndarray, cost: flo
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("exponent", range(-8, 9, 2))
 def test_the_unit_of_a_state_does_not_change_the_plan(solver, exponent: int) -> None:
-    plain = Riccati().solve(two_masses(1.0)).inputs
-    solution = solver().solve(two_masses(10.0**exponent))
+    plain = Riccati().solve(three_masses(1.0)).inputs
+    solution = solver().solve(three_masses(10.0**exponent))
     assert solution.status == [Status.SOLVED]
     np.testing.assert_allclose(solution.inputs, plain, atol=1e-6)
 
@@ -74,7 +76,7 @@ def test_the_unit_of_a_state_does_not_change_the_plan(solver, exponent: int) -> 
     "problem",
     [
         pytest.param(quadrotors(20, 5, 0), id="quadrotor"),
-        pytest.param(cart_poles(20, 5, 1), id="cart-pole"),
+        pytest.param(cart_poles(20, 5, 2), id="cart-pole"),
         pytest.param(dense_problems(5, 7, 6, 2, 2), id="dense"),
     ],
 )
@@ -104,7 +106,7 @@ def test_well_scaled_problems_are_solved_as_they_stand() -> None:
     [
         pytest.param(tracking_problems(box_points(30, 3), 3), id="vehicle"),
         pytest.param(quadrotors(20, 10, 4), id="quadrotor"),
-        pytest.param(two_masses(1e8), id="badly scaled"),
+        pytest.param(three_masses(1e8), id="badly scaled"),
     ],
 )
 def test_what_is_said_to_be_solved_is_proven(solver, problem) -> None:
@@ -125,14 +127,14 @@ def test_a_plan_beside_the_optimum_is_not_proven() -> None:
 
 
 def test_a_plan_at_rest_is_proven_in_spite_of_rounding() -> None:
-    problem = two_masses(1.0)
+    problem = three_masses(1.0)
     at_rest = replace(problem, states=np.zeros_like(problem.states))
     assert is_optimal(at_rest, np.full_like(problem.inputs, 1e-9)).all()
     assert not is_optimal(at_rest, np.full_like(problem.inputs, 1e-3)).any()
 
 
 def test_a_plan_that_is_not_a_number_is_not_proven() -> None:
-    problem = two_masses(1.0)
+    problem = three_masses(1.0)
     for wrong in (np.nan, np.inf):
         assert not is_optimal(problem, np.full_like(problem.inputs, wrong)).any()
     assert not is_optimal(replace(problem, states=problem.states * 1e200), problem.inputs).any()
@@ -148,8 +150,8 @@ def test_a_plan_without_proof_is_not_said_to_be_solved(solver) -> None:
 
 def test_a_bad_fast_solve_leads_to_a_robust_one(monkeypatch) -> None:
     """Without units the fast way ends half of the input's range off, and says solved."""
-    problem = two_masses(1e7)
-    plain = two_masses(1.0)
+    problem = three_masses(1e7)
+    plain = three_masses(1.0)
     monkeypatch.setattr(
         clarabel_qp, "units", lambda p, always: units(p, always) if always else units(plain)
     )

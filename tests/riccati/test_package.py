@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.riccati.oracle import solve_condensed
-from tests.riccati.problems import cart_poles
+from tests.riccati.problems import quadrotors
 from zoac.mpc import problem, riccati
 
 FOLDER = Path(riccati.__file__).parent
@@ -47,7 +47,7 @@ def test_its_status_numbers_are_those_of_every_solver() -> None:
 
 
 def test_plain_arrays_give_the_plans_of_an_independent_solver() -> None:
-    about = cart_poles(25, 8, 2)
+    about = quadrotors(25, 8, 2)
     moved = np.einsum("nkij,nkj->nki", about.a, about.states[:, :-1])
     moved += np.einsum("nkij,nkj->nki", about.b, about.inputs)
     plans, status, _ = riccati.solve(
@@ -90,7 +90,7 @@ def test_alone_in_a_folder_it_runs_the_example_without_zoac(tmp_path: Path) -> N
 
 
 def arrays(**changes: object) -> dict[str, object]:
-    n, horizon, nx, nu = 2, 3, 4, 1
+    n, horizon, nx, nu = 2, 3, 6, 2
     sound = {
         "initial_states": np.ones((n, nx)),
         "a": np.zeros((n, horizon, nx, nx)),
@@ -98,8 +98,8 @@ def arrays(**changes: object) -> dict[str, object]:
         "c": np.zeros((n, horizon, nx)),
         "state_weights": np.ones((n, horizon, nx)),
         "input_weights": np.ones((n, horizon, nu)),
-        "input_low": [-1.0],
-        "input_high": [1.0],
+        "input_low": [-1.0, -1.0],
+        "input_high": [1.0, 1.0],
     }
     return {**sound, **changes}
 
@@ -112,11 +112,11 @@ def test_arrays_that_do_not_fit_are_named(name: str) -> None:
 
 def test_bounds_out_of_order_are_refused() -> None:
     with pytest.raises(ValueError, match="input bounds must be numbers in order"):
-        riccati.solve(**arrays(input_low=[2.0]))
+        riccati.solve(**arrays(input_low=[-1.0, 2.0]))
 
 
 def test_data_that_are_not_finite_have_a_status() -> None:
-    starts = np.ones((2, 4))
+    starts = np.ones((2, 6))
     starts[1, 2] = np.inf
     status = riccati.solve(**arrays(initial_states=starts)).status
     assert status.tolist() == [riccati.Status.SOLVED, riccati.Status.NOT_FINITE]
