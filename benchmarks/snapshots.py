@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -16,6 +17,7 @@ import numpy as np
 
 import zoac
 from zoac.envs.gymnasium_adapter import GymnasiumVecEnv
+from zoac.envs.single_env import single_env
 from zoac.tasks.user_task import UserTask, user_task
 
 SECONDS = {"state": 0.0, "restore": 0.0}
@@ -31,7 +33,8 @@ class TimedVecEnv(GymnasiumVecEnv):
 
 class TimedTask(UserTask):
     def make_env(self, n: int) -> GymnasiumVecEnv:
-        return TimedVecEnv([self._one_env() for _ in range(n)], None, make=self._one_env)
+        make = partial(single_env, self._env)
+        return TimedVecEnv([make() for _ in range(n)], None, make=make)
 
 
 def _timed(name: str, method: Any, *arguments: Any) -> Any:

@@ -106,7 +106,10 @@ def _spec(given: Any, where: str) -> Spec:
         arguments["loop"] = locate_code(loop, f"{where}.{name}.loop", (), (), wanted)
     if isinstance(over := arguments.get("over"), Mapping) and set(over) == {"cvar"}:
         arguments["over"] = requirements.cvar(over["cvar"])
-    made: Spec = make(**arguments)
+    try:
+        made: Spec = make(**arguments)
+    except ConfigError as error:
+        raise ConfigError(f"{where}.{error}") from None
     return made
 
 

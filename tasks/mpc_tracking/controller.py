@@ -87,7 +87,8 @@ class TrackingMpc:
         options = options or MpcOptions()
         low, high = (by_name(f"mpc.{side}", getattr(options, side), STATES)
                      for side in ("state_low", "state_high"))  # fmt: skip
-        of_states = {name: (low.get(name), high.get(name)) for name in (*low, *high)}
+        pairs = {name: (low.get(name, -np.inf), high.get(name, np.inf)) for name in (*low, *high)}
+        of_states = {name: pair for name, pair in pairs.items() if np.isfinite(pair).any()}
         check_solver(solver, "task.mpc.state_low and state_high" * bool(of_states))
         ones: dict[Any, float] = dict.fromkeys((*STATES, *INPUTS), 1.0)
         self._length = 6 + 3 * options.horizon

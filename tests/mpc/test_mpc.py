@@ -290,6 +290,14 @@ def test_what_is_wrong_is_named(options, message) -> None:
     assert message in str(caught.value)
 
 
+@pytest.mark.parametrize("solver", ["clarabel", "cvxpy"])
+@pytest.mark.parametrize("pair", [(None, None), (-np.inf, np.inf)])
+def test_bounds_without_a_side_bound_nothing(pair, solver) -> None:
+    one, other = (first_inputs(mass(solver=solver, bounds={"force": (-1.0, 1.0), **bounds}),
+                               [[1.0, 0.5]]) for bounds in ({}, {"speed": pair}))  # fmt: skip
+    np.testing.assert_allclose(one, other, atol=1e-9)
+
+
 def test_names_that_clash_are_told() -> None:
     model = FunctionModel(["a"], ["u"], {"weight_a": 1.0}, step=lambda x, u, p: (x.a + u.u,))
     with pytest.raises(ConfigError, match="weight_a would be two numbers of this MPC; rename"):

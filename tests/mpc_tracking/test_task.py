@@ -126,6 +126,17 @@ def test_wrong_bounds_are_named(options: dict, message: str) -> None:
     assert message in str(caught.value)
 
 
+@pytest.mark.parametrize("solver", [SOLVER, Riccati()])
+def test_infinite_bounds_are_none(solver) -> None:
+    plain = MpcTracking(solver=solver).make_controller()
+    params = {name: np.array([value]) for name, value in MpcTracking.baseline.items()}
+    observations = np.ones((1, 6 + 3 * MpcOptions().horizon))
+    mpc = MpcOptions(state_high={"u": np.inf}, state_low={"v": -np.inf})
+    bounded = MpcTracking(solver=solver, mpc=mpc).make_controller()
+    one, other = (c.act(params, observations, c.init(1))[0] for c in (plain, bounded))
+    np.testing.assert_array_equal(one, other)
+
+
 def test_riccati_names_the_solver_for_bounds_on_states() -> None:
     with pytest.raises(ConfigError) as caught:
         MpcTracking(solver=Riccati(), mpc=MpcOptions(state_high={"v": 1.0}))

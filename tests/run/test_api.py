@@ -255,9 +255,11 @@ def test_whole_numbers_may_be_written_as_floats_and_nothing_else_may():
     written = tune(budget=1e2, seed=3.0)
     assert written.parameters == tune(budget=100, seed=3).parameters
     assert isinstance(read_run(written.folder)["seed"], int)
-    for option in ({"budget": 10.5}, {"seed": "a"}, {"num_envs": True}):
-        with pytest.raises(ConfigError, match="valid integer"):
+    for option in ({"budget": 10.5}, {"seed": "3"}, {"num_envs": True}, {"budget": "400"}):
+        with pytest.raises(ConfigError, match=f"{next(iter(option))}=.*valid integer"):
             tune(**option)
+    with pytest.raises(ConfigError, match="common_random_numbers='no': .* valid boolean"):
+        tune(common_random_numbers="no")
 
 
 def test_the_console_tells_the_acceptance_tests_verdict_and_broken_constraints(capsys):

@@ -101,11 +101,31 @@ def test_the_authors_cost_is_a_task_of_its_own_with_the_same_presets(tuner):
     [
         ("preset@tuner=pid_acc/zoca", "did you mean 'pid_acc/zoac'"),
         ("preset=pid_acc/zoac", "write preset@tuner=pid_acc/zoac"),
+        ("preset@tuner=foo", "unknown preset 'foo'; known: .*pid_acc/zoac"),
     ],
 )
 def test_a_bad_preset_is_refused_though_the_group_may_be_left_out(override, message):
     with pytest.raises(ConfigError, match=message):
         compose_config([override])
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["+tunr=bo"], "unknown key 'tunr'; did you mean 'tuner'"),
+        (["logger=[]"], "logger: a value is needed; known: none, tensorboard, wandb"),
+    ],
+)
+def test_what_no_run_has_and_what_each_needs_is_told(overrides, message):
+    with pytest.raises(ConfigError, match=message):
+        resolved(compose_config(["task=lqr", *overrides]))
+
+
+def test_numbers_typed_as_text_are_numbers():
+    """So an interpolation from the environment is one."""
+    text = ["task=lqr", "seed='3'", "evaluation.episodes='4'", "variant=7"]
+    config = resolved(compose_config(text))
+    assert (config["seed"], config["evaluation"]["episodes"], config["variant"]) == (3, 4, "7")
 
 
 @pytest.mark.parametrize(

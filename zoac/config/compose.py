@@ -132,7 +132,7 @@ def check_overrides(overrides: Sequence[str]) -> None:
                 _check_optional(text, override)
             elif setting and "${" not in str(value):
                 owner = Evaluation if parent else RunSettings
-                check_arguments(owner, converted(owner, {name: value}), parent)
+                check_arguments(owner, converted(owner, {name: value}, text=True), parent)
 
 
 def _values(text: str, override: Override) -> list[Any]:
@@ -159,7 +159,7 @@ def _check_choice(text: str, group: str, value: Any) -> None:
     left_out = value is None and group in ("method", "experiment", "search")
     if not left_out and not all(isinstance(name, str) for name in names):
         hint = suggest(str(value), choices(group))
-        if isinstance(value, list):
+        if isinstance(value, list) and group != "logger":
             hint = f"for several, one after the other: -m {group}={','.join(map(str, value))}"
         raise ConfigError(f"{text}: expected a name of the group {group}; {hint}")
 
@@ -250,9 +250,16 @@ def resolved(config: DictConfig) -> dict[str, Any]:
         )
     except OmegaConfBaseException as error:
         raise ConfigError(explain(error, [])) from error
+    known = [*GROUPS_OF_RUN, *RUN_KEYS]
+    for key in plain:
+        if key not in known:
+            raise ConfigError(f"unknown key {key!r}; {suggest(key, known)}")
+    for key in GROUPS_OF_RUN:
+        if key not in plain:
+            raise ConfigError(f"{key}: a value is needed; {suggest('', choices(key))}")
     groups = {key: plain.pop(key) for key in GROUPS_OF_RUN}
-    settings = converted(RunSettings, plain)
-    settings["evaluation"] = converted(Evaluation, plain["evaluation"])
+    settings = converted(RunSettings, plain, text=True)
+    settings["evaluation"] = converted(Evaluation, plain["evaluation"], text=True)
     check_arguments(RunSettings, settings, "")
     return groups | settings
 

@@ -93,7 +93,7 @@ def unknown_choice(group: str, name: str) -> str:
     near = [one for one in choices(group) if "/" not in one or one.startswith(folder)]
     if group == "tuner":
         near.append(AUTO)
-    return f"unknown {group} {name!r}; {suggest(name, near)}"
+    return f"unknown {group} {name!r}; {suggest(name, near or choices(group))}"
 
 
 def choices(group: str) -> list[str]:

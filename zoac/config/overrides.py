@@ -38,7 +38,7 @@ def refuse_flags(arguments: Sequence[str]) -> None:
         ConfigError: If a key is written as a flag.
     """
     known = {*NOT_OF_THE_RUN, *GROUPS_OF_RUN, *RUN_KEYS}
-    for flag, after in zip(arguments, [*arguments[1:], ""], strict=True):
+    for flag, after in zip(arguments, [*arguments[1:], ""], strict=False):
         key, equals, value = flag.removeprefix("--").partition("=")
         if not flag.startswith("--") or key.partition(".")[0] not in known:
             continue

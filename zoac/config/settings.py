@@ -114,21 +114,30 @@ CHANGES_THE_METHOD = tuple(
 them. What a failure is and costs is part of the task."""
 
 
-def converted(owner: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def converted(
+    owner: Callable[..., Any], given: Mapping[str, Any], text: bool = False
+) -> dict[str, Any]:
     """Return arguments of `owner` as its types have them: 1e4 is a whole number too.
 
     What cannot be converted stays as it is, for `zoac.config.validate` to refuse.
+
+    Args:
+        owner: Its type hints say what is expected.
+        given: By name.
+        text: They were typed on a command line: "3" may be a number, and 1 the name of a variant.
     """
     hints = get_type_hints(owner, include_extras=True)
-    # On the command line, variant=1 is a name.
-    rules = ConfigDict(coerce_numbers_to_str=owner is RunSettings, arbitrary_types_allowed=True)
-    return {name: _converted(value, hints.get(name, Any), rules) for name, value in given.items()}
+    kinds = (int, float, str) if text else (int, float)
+    rules = ConfigDict(coerce_numbers_to_str=text, arbitrary_types_allowed=True)
+    return {
+        name: _converted(value, hints.get(name, Any), kinds, rules) for name, value in given.items()
+    }
 
 
-def _converted(value: Any, hint: Any, rules: ConfigDict) -> Any:
+def _converted(value: Any, hint: Any, kinds: tuple[type, ...], rules: ConfigDict) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
-    if isinstance(value, bool) or not isinstance(value, int | float | str) or is_dataclass(hint):
+    if isinstance(value, bool) or not isinstance(value, kinds) or is_dataclass(hint):
         return value
     try:
         return TypeAdapter(hint, config=rules).validate_python(value)

@@ -48,7 +48,8 @@ class Kept:
     """Saves and restores the attributes that the class and each of its bases name in `kept`.
 
     An attribute is a number, text, an array, or a dict, list or tuple of them; a dataclass of
-    them; a random generator; or something that has `state` and `restore` itself.
+    them; a random generator; or something that has `state` and `restore` itself. One that is a
+    dataclass stays one of that class, and holds no others.
     """
 
     kept: ClassVar[str] = ""

@@ -7,7 +7,7 @@ All take the names of signals first, which are `y`, `r` and `u` unless others ar
 keyword `max`, `min`, `over`, `weight` and `window`: see `zoac.specs.Spec`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from inspect import signature
 from typing import Any
 
@@ -25,10 +25,10 @@ def own_arguments(make: Callable[..., Spec]) -> list[str]:
     return [p.name for p in signature(make).parameters.values() if p.kind != p.VAR_KEYWORD]
 
 
-def _refuse_unknown(name: str, limits: Mapping[str, Any]) -> None:
+def _refuse_unknown(name: str, limits: Mapping[str, Any], takes: Sequence[str] = LIMITS) -> None:
     for key in limits:
-        if key not in LIMITS:
-            known = [*own_arguments(globals()[name]), *LIMITS]
+        if key not in takes:
+            known = [*own_arguments(globals()[name]), *takes]
             raise ConfigError(f"{name}: no argument {key!r}; {suggest(key, known)}")
 
 
@@ -159,10 +159,10 @@ def rate(u: str = "u", **limits: Any) -> Spec:
 
 
 def _of_loop(name: str, loop: Loop | None, limits: Mapping[str, Any], unit: str = "") -> Spec:
-    _refuse_unknown(name, limits)
+    _refuse_unknown(name, limits, ("max", "min"))
     if is_number(loop):
         raise ConfigError(f"{name}({loop!r}): a limit has a name, such as min={loop!r}")
-    return Spec(name, (), getattr(loops, name), loop=loop, **{"unit": unit, **limits})
+    return Spec(name, (), getattr(loops, name), loop=loop, unit=unit, **limits)
 
 
 def gain_margin(loop: Loop | None = None, **limits: Any) -> Spec:

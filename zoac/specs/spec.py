@@ -175,7 +175,7 @@ class Spec:
         return max(math.nextafter(most, math.inf), value)  # a factor may round to 1
 
     def of_loops(self, episode: Episode, figure: Callable[..., float] | None = None) -> list[float]:
-        """Return a figure, if not another this spec's, of each of the loops side by side."""
+        """Return a figure, by default this spec's, of each of the loops side by side."""
         episode = episode.within(self.window)
         samples = [episode.values[name] for name in self.signals]
         count = max(s.shape[1] if s.ndim > 1 else 1 for s in samples)

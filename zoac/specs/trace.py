@@ -118,6 +118,9 @@ def from_plain(given: Mapping[str, Any]) -> Spec:
     known = {k: v for k, v in vars(requirements).items() if k[0] != "_" and hasattr(step_info, k)}
     if str(name) not in known:
         raise ConfigError(f"unknown spec {name!r}; {suggest(str(name), known)}")
+    for key in ("over", "unit"):
+        if key in options:
+            raise ConfigError(f"spec {name!r}: a study has no use for {key!r}; leave it out")
     make = known[name]
     takes = [n for n in requirements.own_arguments(make) if n in SIGNALS]
     listed = isinstance(signals, list) and all(isinstance(signal, str) for signal in signals)

@@ -147,6 +147,18 @@ def test_environments_that_cannot_be_saved_go_before_they_move_or_stay(auto, eag
     assert "cannot be moved" in auto.said[1]
 
 
+def test_workers_that_start_while_it_evaluates_are_not_started_again(auto, eager, monkeypatch):
+    started, launch = [], automatic.Process.launch
+    monkeypatch.setattr(
+        automatic.Process, "launch", lambda self, *made: (started.append(self), launch(self, *made))
+    )
+    auto.start(support.LockedTask(), 3, seed=0)
+    for seed in range(3):
+        auto.evaluate([support.proposal(0, seed=seed)])
+    auto.rollout(plan())
+    assert started == [auto._processes]
+
+
 def test_an_error_of_the_rollout_in_which_workers_take_over_is_an_error(auto, eager):
     auto.start(support.RaisingTask(), 3, seed=0)
     auto._start_workers()

@@ -49,7 +49,7 @@ def write_parameters(
     begin = starts["dynamics"], starts["weights"]
     _write(_entries(layout), problem.data, box, units, parameters, begin, scales)
     scales /= units.cost
-    if problem.bounds is not None:
+    if problem.bounds is not None and layout.bounds_size:
         given, soft, low, high = problem.bounds, layout.soft, layout.state_low, layout.state_high
         of_unit = units.states[:, None]
         pieces = [

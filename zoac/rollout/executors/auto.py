@@ -1,7 +1,7 @@
 """`executor=auto`: worker processes where steps are slow enough to pay, else this process.
 
 Environments begin in this process. If steps turn out to be slow, workers start beside them. Once
-they are there, one batch runs in both places: the workers take over if they give the same bits.
+they are there, one batch runs in them and then here: they take over if they give the same bits.
 Environments come back if workers turn out to be no faster. Numbers depend on none of this.
 """
 
@@ -38,9 +38,6 @@ GAIN = 0.9
 class Auto(Executor):
     """Environments in this process, or in worker processes once that pays."""
 
-    _starting: Future[None] | None = None
-    """The start of workers that have not taken over."""
-
     def __init__(self, *, workers: Count | None = None) -> None:
         """
         Args:
@@ -49,12 +46,14 @@ class Auto(Executor):
         """
         self._most = workers
         self._serial, self._processes = Serial(), Process(workers=workers)
+        self._starting: Future[None] | None = None  # the start of workers that have not taken over
 
     def start(self, task: Task, num_envs: int, seed: int) -> None:
         self._made_of = (task, num_envs, seed)
         self._current: Executor = self._serial
         self._settled = min(num_envs, self._most or usable_cores()) == 1
         self._untouched = True  # no environment has moved yet
+        self._starting = None
         self._calls, self._spent = 0, 0.0
         self._seconds = defaultdict[Executor, float](float)
         self._steps = Counter[Executor]()
@@ -119,6 +118,8 @@ class Auto(Executor):
         return task.save_fault is None
 
     def _start_workers(self) -> None:
+        if self._starting is not None:
+            return
         try:
             self._processes.launch(*self._made_of)
         except WorkerError as error:

@@ -17,7 +17,7 @@ class Executor(ABC):
     """Runs proposals in environments. The numbers do not depend on which executor, or how many
     workers.
 
-    An executor that waits for other processes calls `background_update` once in that time.
+    An executor that waits for other processes may call `background_update` once in that time.
     """
 
     tell: Callable[[str], None] = staticmethod(print)

@@ -153,7 +153,8 @@ class Console:
             "cost": f"{self._last['cost_mean']:.4g}",
         }
         meter = {**bar.format_dict, "bar_format": BAR.replace("{bar}", ""), "postfix": ""}
-        room = (meter["ncols"] or np.inf) - len(bar.format_meter(**meter)) - MIN_BAR
+        columns = np.inf if meter["ncols"] is None else meter["ncols"]
+        room = columns - len(bar.format_meter(**meter)) - MIN_BAR
         told = ""
         for name, number in figures.items():
             figure = f", {name}={number}"
