@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 
 import nevergrad as ng
 import numpy as np
@@ -10,6 +11,8 @@ from zoac.baselines.cmaes import CmaEs
 from zoac.baselines.nevergrad import Nevergrad
 from zoac.core.errors import ConfigError
 from zoac.core.parameters import Parameter, ParameterSpace
+
+ROOT = Path(__file__).parents[2]
 
 # Differential evolution, chained choices, a swarm, a thread of its own (Powell), one that draws
 # from numpy's global random state (DSproba), a one-shot design.
@@ -53,14 +56,14 @@ def test_a_package_that_lacks_is_named():
         Nevergrad(problem(), name="FCMA").ask()
 
 
-def test_an_optimiser_in_a_thread_lets_python_exit(tmp_path):
+def test_an_optimiser_in_a_thread_lets_python_exit():
     code = (
         "from tests.baselines.support import problem\n"
         "from zoac.baselines.nevergrad import Nevergrad\n"
         "tuner = Nevergrad(problem(), name='Powell')\n"
         "tuner.ask()\n"
     )
-    commands.run("-c", code, cwd=tmp_path, check=True)
+    commands.run("-c", code, cwd=ROOT, check=True)
 
 
 def spread_of_first_generations(tuner, n=60):
