@@ -102,6 +102,7 @@ def test_the_authors_cost_is_a_task_of_its_own_with_the_same_presets(tuner):
         ("preset@tuner=pid_acc/zoca", "did you mean 'pid_acc/zoac'"),
         ("preset=pid_acc/zoac", "write preset@tuner=pid_acc/zoac"),
         ("preset@tuner=foo", "unknown preset 'foo'; known: .*pid_acc/zoac"),
+        ("preset@tuner=pid_acc/zoac,foo", "unknown preset 'foo'"),
     ],
 )
 def test_a_bad_preset_is_refused_though_the_group_may_be_left_out(override, message):

@@ -120,7 +120,7 @@ def check_overrides(overrides: Sequence[str]) -> None:
                 f"cannot read the override {text!r}: there is no key; write key=value"
             )
         parent, _, name = key.rpartition(".")
-        setting = name in {"": RUN_KEYS, "evaluation": OF_EVALUATION}.get(parent, ())
+        setting = key in RUN_KEYS or (parent == "evaluation" and name in OF_EVALUATION)
         if override.is_delete():
             if setting or key in GROUPS_OF_RUN:
                 raise ConfigError(f"{text}: a value is needed, {key}=<value>")
@@ -129,7 +129,7 @@ def check_overrides(overrides: Sequence[str]) -> None:
             if key in GROUPS or key.startswith("hydra/"):
                 _check_choice(text, key, value)
             elif key in OPTIONAL_GROUPS:
-                _check_optional(text, override)
+                _check_optional(text, override, value)
             elif setting and "${" not in str(value):
                 owner = Evaluation if parent else RunSettings
                 check_arguments(owner, converted(owner, {name: value}, text=True), parent)
@@ -141,6 +141,7 @@ def _values(text: str, override: Override) -> list[Any]:
     if isinstance(value, Glob):
         values = value.filter(choices(override.key_or_group))
     elif override.is_sweep_override():
+        # What stood in quotes has them off in `text`.
         values = [getattr(one, "text", one) for one in override.sweep_iterator()]
     else:
         return [value]
@@ -164,13 +165,13 @@ def _check_choice(text: str, group: str, value: Any) -> None:
         raise ConfigError(f"{text}: expected a name of the group {group}; {hint}")
 
 
-def _check_optional(text: str, override: Override) -> None:
+def _check_optional(text: str, override: Override, value: Any) -> None:
     """Refuse a choice that Hydra would pass over, since the group may be left out."""
     key = override.key_or_group
     place = f"{key}@{OPTIONAL_GROUPS[key]}"
     if override.package != OPTIONAL_GROUPS[key]:
-        raise ConfigError(f"{text}: write {place}={override.value()}")
-    if (name := str(override.value())) not in choices(key):
+        raise ConfigError(f"{text}: write {place}={value}")
+    if (name := str(value)) not in choices(key):
         raise ConfigError(unknown_choice(key, name))
 
 
