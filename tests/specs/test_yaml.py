@@ -88,7 +88,11 @@ def test_the_check_fails_where_no_episode_lasts(folder, capsys):
     ("old", "new", "said"),
     [
         ("steady_state_error:", "steady_state:", r"specs\[0\]: no spec 'steady_state'; did you"),
-        ("max: 0.2", "maximum: 0.2", "no argument 'maximum'; did you mean 'max'"),
+        (
+            "max: 0.2",
+            "maximum: 0.2",
+            r"specs\[0\]\.steady_state_error: no argument 'maximum'; did you mean 'max'",
+        ),
         ("r: r, max", "r: ref, max", r"steady_state_error\(y, ref\): no signal 'ref'"),
         ("{action: 0}", "{command: 0}", r"signals.u=.*expected one of observation, action"),
         ("{action: 0}", "tests.specs.nowhere.u", "signals.u"),

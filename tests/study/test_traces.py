@@ -130,6 +130,8 @@ def test_what_cannot_judge_a_trace_is_refused():
         ("- {name: rms, signals: [y, r]}", "signals=['y', 'r'], expected a list of the columns"),
         ("- {name: rms, signals: []}", "signals=[], expected a list of the columns that are y"),
         ("- {name: iae, signals: [y, r], window: 3}", "iae: window=3, expected (from, to) in sec"),
+        ("- {name: rms, signals: [y], max: 1, unit: m}", "a study has no use for 'unit'"),
+        ("- {name: rms, signals: [y], max: 1, over: mean}", "a study has no use for 'over'"),
         ("- {name: settling_time, signals: [y], bnd: 0.1}", "no argument 'bnd'; did you mean 'ban"),
     ],
 )
