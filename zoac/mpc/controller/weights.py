@@ -83,6 +83,7 @@ def cost_to_go(
 
 @lru_cache(maxsize=1000)  # parameters change far more rarely than states
 def _regulator(nx: int, *parts: bytes) -> np.ndarray:
+    """Return the cost to go (nx, nx) of one environment; the cache needs its arrays as bytes."""
     from scipy.linalg import LinAlgError, solve_discrete_are  # takes a tenth of a second
 
     a, b, weight, discount = map(np.frombuffer, parts)

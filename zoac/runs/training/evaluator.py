@@ -1,7 +1,7 @@
 """Evaluation of what a tuner recommends, on episodes that are the same for every tuner."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,11 +22,26 @@ class Evaluator:
     """Runs the fixed evaluation episodes, which cost no budget."""
 
     def __init__(
-        self, task: Task, tuner: Tuner, executor: Executor, settings: Evaluation, progress: Progress
+        self,
+        task: Task,
+        tuner: Tuner,
+        executor: Executor,
+        settings: Evaluation,
+        progress: Progress,
+        background_update: Callable[[], None],
     ) -> None:
+        """
+        Args:
+            task: What is tuned.
+            tuner: By whom.
+            executor: Started.
+            settings: How many episodes, and which.
+            progress: Gets the seconds.
+            background_update: The tuner's, timed.
+        """
+        self._background_update = background_update
         self._task, self._tuner, self._executor = task, tuner, executor
         self._settings, self._progress = settings, progress
-        self._background_update = progress.timed("tuner_seconds")(tuner.background_update)
         self._baseline = None if task.baseline is None else task.space.normalise(task.baseline)
         self._last_finite = np.zeros(task.space.dimension)  # recommendation
         self._responses: dict[str, list[Segment]] = {}  # final episodes

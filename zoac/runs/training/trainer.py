@@ -49,9 +49,10 @@ class Trainer:
         self._settings, self._log = settings, log
         self._stop_requested, self._callbacks = stop_requested, callbacks or Callbacks()
         self.progress = Progress()
-        self._background_update = self.progress.timed("tuner_seconds")(tuner.background_update)
         self._constraints = FeasibilityFirst(task.constraints, task.specs)
-        self._evaluator = Evaluator(task, tuner, executor, settings.evaluation, self.progress)
+        self._evaluator = Evaluator(
+            task, tuner, executor, settings.evaluation, self.progress, self._background_update
+        )
         self._environments = Environments(task, executor, settings, self.progress)
         parts: dict[str, Part] = {
             "tuner": tuner,
@@ -93,6 +94,10 @@ class Trainer:
             segments = self._executor.rollout(proposals, self._background_update)
             self._learn(segments)
             self._checkpoint_if_due()
+
+    def _background_update(self) -> None:
+        with self.progress.timed("tuner_seconds"):
+            self._tuner.background_update()
 
     def _learn(self, segments: list[Segment]) -> None:
         """Count what was spent and tell the tuner."""
