@@ -71,15 +71,16 @@ class Task(ABC):
     @cached_property
     def restore_fault(self) -> str | None:
         """Why an environment cannot be restored; None: a trial showed that it can."""
-        return probe.restore_fault(self.make_env) or probe.controller_fault(self)
+        return self._fault(pickled=False)
 
     @cached_property
     def save_fault(self) -> str | None:
         """Why an environment cannot be restored in another process; None: it can."""
-        return (
-            self.restore_fault
-            or probe.restore_fault(self.make_env, pickled=True)
-            or probe.controller_fault(self, pickled=True)
+        return self.restore_fault or self._fault(pickled=True)
+
+    def _fault(self, pickled: bool) -> str | None:
+        return probe.restore_fault(self.make_env, pickled) or probe.controller_fault(
+            self.make_controller(), self.space, self.make_env, pickled
         )
 
     @cached_property
@@ -89,11 +90,6 @@ class Task(ABC):
         A dead time and a rise time, say: successive halving looks no shorter. 0: not known.
         """
         return 0
-
-    @cached_property
-    def horizon(self) -> probe.Horizon:
-        """How long episodes are."""
-        return probe.horizon(self)
 
     def tuning_costs(self, segment: Segment) -> np.ndarray:
         """Return the costs (T,) that a tuner sees; evaluation always reports the plain ones."""
