@@ -112,21 +112,6 @@ def tiles(values: Sequence[tuple[str, str]]) -> str:
     return f'<div class="tiles">{cells}</div>\n'
 
 
-def fractions(parts: Sequence[tuple[str, float]]) -> str:
-    """Return a bar divided into fractions of the total, with a legend; parts of 0 are left out."""
-    parts = [(name, value) for name, value in parts if value > 0]
-    total = sum(value for _, value in parts)
-    colours = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#c4ccd4")
-    bar, legend = "", ""
-    for (name, value), colour in zip(parts, colours, strict=False):
-        part = 100 * value / total
-        bar += f'<span style="width:{part:.2f}%;background:{colour}"></span>'
-        legend += (
-            f'<span><i style="background:{colour}"></i>{name} {value:,.1f} s ({part:.0f}%)</span>'
-        )
-    return f'<div class="bar">{bar}</div><div class="legend">{legend}</div>\n'
-
-
 def gallery(pictures: Sequence[str]) -> str:
     """Return pictures side by side, as many as there is room for."""
     return f'<div class="gallery">{"".join(pictures)}</div>\n' if pictures else ""
