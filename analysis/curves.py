@@ -16,7 +16,6 @@ import numpy as np
 
 from zoac.analysis.data import cli
 from zoac.analysis.data.fairness import refuse_unequal, unmixed
-from zoac.analysis.data.frames import numbers
 from zoac.analysis.data.runs import Collection, Method, Run
 from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import (
@@ -31,6 +30,7 @@ from zoac.analysis.figures.labels import (
 from zoac.analysis.statistics.intervals import Scores, mean, summarise
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.seeding import stream
+from zoac.core.types import is_number
 
 AXES = ("env_steps", "wall_seconds", "compute_seconds")
 MAX_BANDS = 4
@@ -235,7 +235,8 @@ def _curve(runs: Sequence[Run], metric: str, against: str, episodes: int) -> Cur
 
 
 def _logged(runs: Iterable[Run]) -> set[str]:
-    return {name for run in runs for row in run.metrics for name in numbers(row)} - set(AXES)
+    rows = [row for run in runs for row in run.metrics]
+    return {name for row in rows for name, value in row.items() if is_number(value)} - set(AXES)
 
 
 if __name__ == "__main__":
