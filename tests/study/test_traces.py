@@ -9,7 +9,6 @@ import pytest
 import zoac
 from zoac import specs
 from zoac.core.errors import ConfigError, StudyError
-from zoac.specs.trace import judged
 from zoac.study.commands import command
 from zoac.study.study import Study
 
@@ -85,9 +84,8 @@ def test_tuning_by_traces_keeps_the_overshoot():
         (response(0.5).rename(columns={"y": "Y"}), {}, "no column 'y'; did you mean 'Y'|no column"),
         (response(0.5).iloc[::-1], {}, "does not increase"),
         (pd.concat([response(0.5), response(0.9)[["y"]]], axis=1), {}, "several columns 'y'"),
-        (response(0.5).assign(y=pd.Timedelta(1)), {}, "'y' holds what is no number"),
-        (response(0.5).assign(y=pd.Timestamp(0, tz="UTC")), {}, "'y' holds what is no number"),
-        (response(0.5).assign(time=pd.NaT), {}, "'time' holds what is not finite"),
+        (response(0.5).assign(y=pd.Timedelta(1)), {}, "'y' holds dates or durations"),
+        (response(0.5).assign(time=pd.Timestamp(0, tz="UTC")), {}, "expected numbers, the time in"),
         (response(0.5).assign(y="a"), {}, "'y' holds what is no number"),
         (response(0.5).assign(y=np.nan), {}, "'y' holds what is not finite"),
         ("rec.csv", {}, "expected a DataFrame, got a str; read a file with pandas.read_csv"),
@@ -165,17 +163,6 @@ def test_the_command_line_takes_specs_and_traces(tmp_path, capsys):
     assert "did you mean 'overshoot'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("unit", ["ns", "ms"])
-@pytest.mark.parametrize("zone", [None, "Europe/Berlin"])
-def test_a_clock_of_dates_or_durations_is_read_in_seconds(unit, zone):
-    trace = response(0.5)
-    passed = pd.to_timedelta(trace["time"], unit="s").dt.as_unit(unit)
-    dates = pd.Timestamp("2026-03-29 01:59:59", tz=zone).as_unit(unit) + passed
-    cost = judged([SOFT], trace, None)[0]
-    assert judged([SOFT], trace.assign(time=passed), None)[0] == pytest.approx(cost, rel=1e-9)
-    assert judged([SOFT], trace.assign(time=dates), None)[0] == pytest.approx(cost, rel=1e-9)
-
-
 @pytest.fixture
 def tell_file(tmp_path, capsys):
     """Return a function that tells the next trial a CSV file; it returns cost and errors."""
@@ -203,9 +190,8 @@ def test_a_comma_at_the_end_of_each_row_shifts_no_column(tell_file):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("time,y,r\n0,1,1,9\n1,1,1,9\n", "line 2 has 4 values, and the first line names 3 col"),
-        ("time,y,r\n0,1,1\n1,1,1,9\n", "line 3 has 4 values, and the first line names 3 col"),
-        ("time,y,r,y\n0,1,1,2\n1,1,1,2\n", "several columns are called 'y'"),
+        ("time,y,r\n0,1,1,9\n1,1,1,9\n", "cannot be read as a table: Length of header"),
+        ("time,y,r\n0,1,1\n1,1,1,9\n", "Expected 3 fields in line 3, saw 4"),
         ("", "cannot be read as a table"),
     ],
 )

@@ -31,7 +31,7 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
     """Return signals of a table with a column `time` [s] and one for each signal.
 
     Args:
-        trace: The table, a row for each sample; its time may also be of dates or durations.
+        trace: The table, a row for each sample.
         signals: Names of the columns that are needed.
     """
     if not hasattr(trace, "columns"):
@@ -45,8 +45,13 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
             raise ConfigError(f"the trace has no column {name!r}; {suggest(name, trace.columns)}")
         if trace[name].ndim > 1:
             raise ConfigError(f"the trace has several columns {name!r}; expected one")
+        if trace[name].dtype.kind in "mM":  # NumPy would make microseconds of them
+            raise ConfigError(
+                f"the trace's column {name!r} holds dates or durations, expected numbers, the "
+                "time in seconds; (t - t[0]).dt.total_seconds() makes them of dates"
+            )
         try:
-            values[name] = _numbers(trace[name], clock=name == TIME)
+            values[name] = trace[name].to_numpy(np.float64)
         except (TypeError, ValueError):
             raise ConfigError(f"the trace's column {name!r} holds what is no number") from None
         if not np.isfinite(values[name]).all():
@@ -55,20 +60,6 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
     if len(time) < 2 or not (np.diff(time) > 0).all():
         raise ConfigError("the time of the trace does not increase from row to row")
     return Episode(time - time[0], values)
-
-
-def _numbers(column: pd.Series, clock: bool) -> np.ndarray:
-    """Return a column as numbers; of a clock, dates and durations as seconds.
-
-    Elsewhere they raise a TypeError: as numbers they would be nanoseconds, or microseconds.
-    """
-    if clock and column.dtype.kind == "M":
-        column = column - column.iloc[:1].min()
-    if clock and column.dtype.kind == "m":
-        column = column.dt.total_seconds()
-    if column.dtype.kind in "mM":
-        raise TypeError(f"{column.dtype} is no number")
-    return column.to_numpy(np.float64)
 
 
 def judged(

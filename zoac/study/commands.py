@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import sys
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -145,27 +144,12 @@ def _table(path: str) -> pd.DataFrame:
     import pandas as pd
 
     try:
-        with open(path, encoding="utf-8", newline="") as file:
-            columns = _columns(path, file)
-        # Some loggers end each row with a comma, from which pandas would make an index.
-        return pd.read_csv(path, index_col=False, usecols=range(columns))
-    except (OSError, ValueError, csv.Error) as error:  # of the parser too
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # values beyond the columns
+            # Some loggers end each row with a comma, from which pandas would make an index.
+            return pd.read_csv(path, index_col=False)
+    except (OSError, ValueError, pd.errors.ParserWarning) as error:
         raise ConfigError(f"{path}: cannot be read as a table: {error}") from None
-
-
-def _columns(path: str, lines: Iterable[str]) -> int:
-    """Return how many columns the first line names; refuse a row that has values beyond them."""
-    reader = csv.reader(lines)
-    names = next((row for row in reader if row), [])
-    if twice := [name for name, count in Counter(names).items() if name and count > 1]:
-        raise ConfigError(f"{path}: several columns are called {twice[0]!r}; expected one")
-    for row in reader:
-        if any(map(str.strip, row[len(names) :])):
-            raise ConfigError(
-                f"{path}: line {reader.line_num} has {len(row)} values, and the first line names "
-                f"{len(names)} columns: {', '.join(names)}"
-            )
-    return len(names)
 
 
 TOLD = ("number", "state", "parameters", "cost", "reason", "metrics", "constraints")
