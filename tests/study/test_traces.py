@@ -121,16 +121,12 @@ def test_what_cannot_judge_a_trace_is_refused():
     ("text", "says"),
     [
         ("3", "specs.yaml: expected entries by name, or a list"),
-        ("- overshoot", "'overshoot' is no spec; expected a name and signals, such as {name: over"),
-        ("- {name: iae, max: 1}", "'max': 1} is no spec; expected a name and signals, such as {na"),
-        ("- {name: iae, signals: 3}", "signals=3, expected a list of the columns that are y, r"),
-        ("- {name: rms, signals: [3]}", "signals=[3], expected a list of the columns that are y"),
-        ("- {name: rms, signals: [y, r]}", "signals=['y', 'r'], expected a list of the columns"),
-        ("- {name: rms, signals: []}", "signals=[], expected a list of the columns that are y"),
-        ("- {name: iae, signals: [y, r], window: 3}", "iae: window=3, expected (from, to) in sec"),
-        ("- {name: rms, signals: [y], max: 1, unit: m}", "a study has no use for 'unit'"),
-        ("- {name: rms, signals: [y], max: 1, over: mean}", "a study has no use for 'over'"),
-        ("- {name: settling_time, signals: [y], bnd: 0.1}", "no argument 'bnd'; did you mean 'ban"),
+        ("- overshoot", "specs[0]='overshoot': expected a spec of zoac.specs, such as {'oversh"),
+        ("- {name: iae, signals: [y, r]}", "expected a spec of zoac.specs, such as {'overshoot': "),
+        ("- rms: {y: 3}", "specs[0].rms(3): expected the name of a signal"),
+        ("- iae: {window: 3}", "iae: window=3, expected (from, to) in sec"),
+        ("- rms: {max: 1, over: mean}", "a study has no use for 'over'"),
+        ("- settling_time: {bnd: 0.1}", "no argument 'bnd'; did you mean 'ban"),
     ],
 )
 def test_a_file_that_holds_no_spec_is_answered_with_what_a_spec_is(text, says, tmp_path, capsys):
@@ -144,8 +140,7 @@ def test_a_file_that_holds_no_spec_is_answered_with_what_a_spec_is(text, says, t
 def test_the_command_line_takes_specs_and_traces(tmp_path, capsys):
     (tmp_path / "space.yaml").write_text("zeta: [0.1, 0.99]\nother: [0, 1]\n")
     (tmp_path / "specs.yaml").write_text(
-        "- {name: overshoot, signals: [y, r], max: 0.05}\n"
-        "- {name: itae, signals: [y, r], weight: 2.0}\n"
+        "- overshoot: {y: y, r: r, max: 0.05}\n- itae: {weight: 2.0}\n"
     )
     response(0.8).to_csv(tmp_path / "trace.csv")
     rig = str(tmp_path / "rig")
@@ -157,7 +152,7 @@ def test_the_command_line_takes_specs_and_traces(tmp_path, capsys):
     assert command(["tell", rig, "1", "--trace", str(tmp_path / "trace.csv")]) == 0
     assert json.loads(capsys.readouterr().out)["cost"] > 0
     assert command(["tell", rig, "1", "--trace", str(tmp_path / "absent.csv")]) == 1
-    (tmp_path / "specs.yaml").write_text("- {name: overshot, signals: [y, r]}\n")
+    (tmp_path / "specs.yaml").write_text("- overshot: {y: y, r: r}\n")
     assert command(["create", rig + "2", "--space", str(tmp_path / "space.yaml"), "--specs",
                     str(tmp_path / "specs.yaml")]) == 1  # fmt: skip
     assert "did you mean 'overshoot'" in capsys.readouterr().err

@@ -16,12 +16,12 @@ from omegaconf import OmegaConf
 from zoac.core.errors import ConfigError, StudyError, StudyFinished, TrialsPending, ZoacError
 from zoac.runs.schema import RUN, plain
 from zoac.specs.spec import Spec
-from zoac.specs.trace import from_plain
 from zoac.study.carry_out import carry_out
 from zoac.study.dialogue import carry_out_by_hand
 from zoac.study.program import program
 from zoac.study.state.trial import Trial
 from zoac.study.study import Study
+from zoac.tasks.user_specs import specs_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -98,8 +98,8 @@ def _yaml(path: str, kind: type, expected: str) -> Any:
     return content
 
 
-def _specs(path: str | None) -> list[Spec]:
-    return [from_plain(entry) for entry in _yaml(path, list, "a list of specs")] if path else []
+def _specs(path: str | None) -> tuple[Spec, ...]:
+    return specs_of(_yaml(path, list, "a list of specs")) if path else ()
 
 
 def _mapping(path: str | None) -> dict[str, Any] | None:
@@ -213,7 +213,7 @@ def _parser() -> argparse.ArgumentParser:
                         help="do not make the baseline the first experiment")  # fmt: skip
     create.add_argument("--limit", action="append", metavar="NAME=NUMBER", help="of a constraint")
     create.add_argument("--specs", metavar="YAML", help="file with a list of specs, such as "
-                        "`- {name: overshoot, signals: [y, r], max: 0.05}`")  # fmt: skip
+                        "`- overshoot: {y: y, r: r, max: 0.05}`")  # fmt: skip
     create.add_argument("--acceptance-test", type=float, metavar="FRACTION",
                         help="of the experiments, to compare answer and baseline")  # fmt: skip
     create.add_argument("--trial-timeout", type=float, metavar="SECONDS",
