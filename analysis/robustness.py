@@ -196,7 +196,7 @@ def _sensitivity_part(run: Run, around: Sequence[Sensitivity]) -> str:
             f"Change of the mean cost with one parameter moved by {STEP / 2:.0%} of its range."
         ),
         html.gallery([picture]),
-        html.aside("As a table", html.table(lines)),
+        html.folded("As a table", html.table(lines)),
     )
 
 

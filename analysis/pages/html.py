@@ -25,14 +25,9 @@ def page(title: str, sections: Sequence[str]) -> str:
     )
 
 
-def section(title: str, body: str) -> str:
-    """Return a section with a heading, or nothing if there is nothing in it."""
-    return f"<section>\n<h2>{escape(title)}</h2>\n{body}</section>\n" if body else ""
-
-
-def part(title: str, *body: str) -> str:
-    """Return a part of a section with a heading, or nothing if there is nothing in it."""
-    return f"<h3>{escape(title)}</h3>\n{''.join(body)}" if any(body) else ""
+def part(title: str, *body: str, level: int = 3) -> str:
+    """Return a part of the page with a heading, or nothing if there is nothing in it."""
+    return f"<h{level}>{escape(title)}</h{level}>\n{''.join(body)}" if any(body) else ""
 
 
 def paragraph(text: str, css: str = "") -> str:
@@ -121,11 +116,6 @@ def folded(summary: str, body: str, opened: bool = False) -> str:
     """Return a part that opens on a click."""
     state = " open" if opened else ""
     return f"<details{state}>\n<summary>{summary}</summary>\n{body}</details>\n"
-
-
-def aside(summary: str, body: str) -> str:
-    """Return a closed part for what few readers need."""
-    return f'<details class="plain">\n<summary>{summary}</summary>\n{body}</details>\n'
 
 
 def code(text: str) -> str:
