@@ -28,7 +28,7 @@ ROOT = Path(__file__).parents[2]
 OPTIONS = {
     "ranges": {"tuner": {"exploration": {"sigma": {"low": 0.02, "high": 0.4, "log": True},
                                          "segments": {"low": 1, "high": 10}}}},
-    "trials": 13, "seeds": [5, 6], "evaluation_seed": 7, "seed": 0,
+    "trials": 8, "seeds": [5, 6], "evaluation_seed": 7, "startup": 3, "prune": False, "seed": 0,
     "name": None, "storage": None,
 }  # fmt: skip
 RUNS = ["task=pid_acc", "tuner=zoac", "num_envs=2"]
@@ -60,7 +60,7 @@ def test_a_trial_is_the_mean_over_seeds_and_the_first_one_today_s_options(tmp_pa
 def test_a_search_in_parts_asks_the_same_as_one_in_one_go(tmp_path):
     whole = cheap(tmp_path / "whole")
     whole.run()
-    for trials in (2, 11, 13):
+    for trials in (2, 5, 8):
         part = cheap(tmp_path / "parts", trials=trials)
         part.run()
         assert len(seen(part)) == trials
@@ -113,6 +113,21 @@ def test_a_search_of_somebody_else_opens_no_pickle(tmp_path, stopping):
     search.conclude()
     assert [value is None for _, _, value in seen(search)] == [True, False]  # it was gone on with
     assert not (tmp_path / "trace").exists()
+
+
+def test_a_trial_that_begins_badly_is_dropped(tmp_path):
+    class Late(Cheap):
+        seeds_run = 0
+
+        def _cost(self, trial, seed):
+            self.seeds_run += 1
+            return float(trial.number)  # each worse than all before it
+
+    search = Late(overrides=RUNS, folder=str(tmp_path), **{**OPTIONS, "prune": True, "trials": 7})
+    search.run()
+    states = [t.state.name for t in search._study.get_trials()]
+    assert states == ["COMPLETE"] * 5 + ["PRUNED"] * 2
+    assert search.seeds_run == 5 * 2 + 2
 
 
 def test_a_trial_that_cannot_run_counts_as_failed_and_is_not_taken_up(tmp_path):

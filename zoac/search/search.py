@@ -41,6 +41,8 @@ class Search:
         trials: Of the whole study, whoever runs them.
         seeds: Of a trial's runs.
         evaluation_seed: Of the episodes that judge them.
+        startup: Random trials before the first model.
+        prune: Drop a trial whose first seeds are worse than the median trial's.
         seed: Of the sampler.
         folder: Where studies lie.
         name: Of the study; None: `<task>-<tuner>`.
@@ -56,6 +58,8 @@ class Search:
     trials: Count
     seeds: Annotated[list[Natural], Field(min_length=1)]
     evaluation_seed: Natural
+    startup: Count
+    prune: bool
     seed: Natural
     folder: str
     name: str | None
@@ -91,9 +95,11 @@ class Search:
         if where is None:
             journal = JournalFileBackend(str(self._folder / "study.journal"))
             where = self._optuna.storages.JournalStorage(journal)
+        pruners = self._optuna.pruners
+        pruner = pruners.MedianPruner(n_startup_trials=5) if self.prune else pruners.NopPruner()
         try:
             return self._optuna.create_study(
-                study_name=self._name, storage=where, load_if_exists=True
+                study_name=self._name, storage=where, load_if_exists=True, pruner=pruner
             )
         except (
             ImportError, OSError, ValueError, SQLAlchemyError, self._optuna.exceptions.OptunaError
@@ -174,19 +180,27 @@ class Search:
             warnings.simplefilter("ignore", self._optuna.exceptions.ExperimentalWarning)
             return self._optuna.samplers.TPESampler(
                 seed=stream_seed(self.seed, "search", number) % 2**32,
+                n_startup_trials=self.startup,
                 multivariate=True,
                 constant_liar=True,  # trials that other processes are at count as bad ones
             )
 
     def _carry_out(self, trial: Any) -> None:
         """Run a trial's seeds, those that are done already excepted, and tell the study."""
+        costs: list[float] = []
         try:
-            cost = float(np.mean([self._cost(trial, seed) for seed in self.seeds]))
+            for seed in self.seeds:
+                costs.append(self._cost(trial, seed))
+                trial.report(float(np.mean(costs)), step=len(costs))
+                if len(costs) < len(self.seeds) and trial.should_prune():
+                    self._study.tell(trial.number, state=self._states.PRUNED)
+                    print(f"trial {origin(trial)} dropped after {len(costs)} seed(s)", flush=True)
+                    return
         except ZoacError:
             self._study.tell(trial.number, state=self._states.FAIL)
             raise
-        self._study.tell(trial.number, cost)
-        print(f"trial {origin(trial)}: mean cost {cost:.4g}", flush=True)
+        self._study.tell(trial.number, float(np.mean(costs)))
+        print(f"trial {origin(trial)}: mean cost {np.mean(costs):.4g}", flush=True)
 
     def _cost(self, trial: Any, seed: int) -> float:
         """Return the final cost of one run, which goes on where it was left, if it was."""
@@ -213,7 +227,7 @@ class Search:
              "trials": len(trials), "first_cost_mean": first.value},
         )  # fmt: skip
         print(
-            f"best of {len(trials)} trials: trial {origin(best)}, mean cost {best.value:.4g} "
+            f"best of {len(trials)} whole trials: trial {origin(best)}, mean cost {best.value:.4g} "
             f"over {len(self.seeds)} seeds (trial {origin(first)}: {first.value:.4g})\n"
             f"  {' '.join(as_overrides(best.params))}"
         )
