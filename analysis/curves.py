@@ -1,8 +1,8 @@
 """Learning curves (Fig. 3): `python -m zoac.analysis.curves runs --out figures`.
 
 Mean over seeds of any logged number, against environment steps or time, with the 95% interval
-of `zoac.analysis.statistics.intervals` shaded; for fewer than five seeds, their range.
-More than four methods are drawn without bands.
+of `zoac.analysis.statistics.intervals` shaded; for fewer than five seeds, their range. Of more than
+four methods the interval stands right of the curves, at the end alone.
 """
 
 from __future__ import annotations
@@ -164,8 +164,9 @@ def draw_panel(
     against: str,
 ) -> None:
     """Draw one panel's curves into `axes`."""
-    bands = sum(len(curve.x) > 1 for curve in panel.curves) <= MAX_BANDS
-    for curve in sorted(panel.curves, key=lambda c: c.method.rank):
+    several = sum(len(curve.x) > 1 for curve in panel.curves) > MAX_BANDS
+    end = max(curve.x[-1] for curve in panel.curves)
+    for k, curve in enumerate(sorted(panel.curves, key=lambda c: c.method.rank)):
         look, label = looks[curve.method], labels[curve.method]
         if len(curve.x) == 1:
             axes.axhline(
@@ -175,8 +176,14 @@ def draw_panel(
             continue
         every = max(1, len(curve.x) // 8)
         axes.plot(curve.x, curve.centre, label=label, markevery=every, **look.line)
-        if bands:
+        if not several:
             style.band(axes, curve.x, curve.low, curve.high, look)
+            continue
+        centre, low, high = (float(part[-1]) for part in (curve.centre, curve.low, curve.high))
+        axes.errorbar(
+            end * (1.04 + 0.022 * k), centre, [[centre - low], [high - centre]],
+            **look.line, elinewidth=0.9, capsize=1.5,
+        )  # fmt: skip
     centres = np.concatenate([curve.centre for curve in panel.curves])
     above = centres[centres > 0]
     if not (centres < 0).any() and needs_log(above):
@@ -186,6 +193,10 @@ def draw_panel(
         axes.set_ylim(bottom=0.8 * max(lowest, 0.5 * above.min()))
     axes.set_ylabel(METRICS.get(panel.metric, panel.metric))
     axes.margins(x=0.02)
+    if several:
+        axes.set_xticks([tick for tick in axes.get_xticks() if 0 <= tick <= 1.001 * end])
+        axes.text(0.99, 0.98, "at the end", size="x-small", ha="right", va="top",
+                  transform=axes.transAxes)  # fmt: skip
     of_studies = panel.studies and against == "env_steps"
     big_axis(axes, "Experiments" if of_studies else METRICS[against])
 

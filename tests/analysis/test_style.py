@@ -150,12 +150,17 @@ def test_lines_of_the_learning_curves_have_the_looks_of_their_legend(many):
     assert len(set(colours.values())) == len(colours) - 1  # the variant has its tuner's
 
 
-def test_more_than_four_curves_have_no_bands(many):
+def test_many_curves_have_their_interval_at_the_end_instead_of_bands(many):
     (panel,) = curves.all_panels(load(many), metric="cost_mean")
-    few = curves.Panel(panel.task, panel.metric, panel.curves[:4])
+    few = curves.Panel(panel.task, panel.metric, panel.curves[:2])
     with style.drawing(style.PAPER):
         crowded, clear = (curves.draw([p], "env_steps").axes[0] for p in (panel, few))
-    assert (len(crowded.collections), len(clear.collections)) == (0, 4)
+    assert (len(crowded.containers), len(clear.containers)) == (7, 0)
+    assert all(tick <= 1000 for tick in crowded.get_xticks())
+    shown = [part.get_segments()[0][:, 1] for bars in crowded.containers for part in bars[2]]
+    drawn = sorted((low, high) for low, high in shown)
+    ends = sorted((c.low[-1], c.high[-1]) for c in panel.curves if len(c.x) > 1)
+    np.testing.assert_allclose(drawn, ends)
 
 
 def trace(y, label="Time [s]"):
