@@ -97,7 +97,7 @@ class PidResult:
         return {"K": k, "Ti": ti, "Td": td, "N": td / tf if tf else math.inf}
 
     def export(self, path: str | Path) -> Path:
-        """Write the controller as `.c`, `.h`, `.m` or `.py`; see `export_pid`."""
+        """Write the controller as `.h`, `.m` or `.py`; see `export_pid`."""
         return export_pid(self.controller, self.parameters, path)
 
     def __str__(self) -> str:
