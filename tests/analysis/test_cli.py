@@ -89,7 +89,8 @@ def test_a_file_that_cannot_be_written_is_one_message(sweep, tmp_path, capsys):
 
 
 def test_a_film_that_cannot_be_written_is_one_message(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("zoac.analysis.figures.film.FRAMES", 2)
+    monkeypatch.setattr("zoac.analysis.figures.film.FRAMES", 1)
+    monkeypatch.setattr("zoac.analysis.figures.film.HOLD", 0)
     path = tmp_path / "loop.gif"
     path.mkdir()
     assert trajectories.main([str(write_run(tmp_path / "runs")), "--animate", str(path)]) == 1
