@@ -8,8 +8,9 @@ import numpy as np
 
 from zoac import specs as requirements
 from zoac.controllers.pid import PID
-from zoac.controllers.pid_loop import ClosedLoop, SampledLoop
+from zoac.controllers.pid_loop import SampledLoop
 from zoac.core.errors import ConfigError, suggest
+from zoac.specs.loops import OpenLoop
 from zoac.specs.signals import Episode, Signal
 from zoac.specs.spec import Spec
 
@@ -49,9 +50,9 @@ class LoopsOf:
 
     def __init__(self, loops: Sequence[SampledLoop], pid: PID) -> None:
         self._loops, self._pid = tuple(loops), pid
-        self._latest: tuple[dict[str, Any], list[ClosedLoop]] = ({}, [])
+        self._latest: tuple[dict[str, Any], list[OpenLoop]] = ({}, [])
 
-    def __call__(self, parameters: Mapping[str, Any]) -> list[ClosedLoop]:
+    def __call__(self, parameters: Mapping[str, Any]) -> list[OpenLoop]:
         """Return the closed loops with these gains; several specs ask for the same ones."""
         if self._latest[0] != parameters:
             closed = [loop.at(self._pid, parameters) for loop in self._loops]
@@ -69,7 +70,7 @@ def fitted(spec: Spec, loops: LoopsOf, load_at: float) -> Spec:
         worst = min if spec.max is None else max
         return replace(
             spec,
-            figure=lambda of: float(worst(getattr(loop, spec.name)() for loop in of)),
+            figure=lambda of: float(worst(map(spec.figure, of))),
             loop=loops,
         )
     if spec.name in OF_THE_STEP and spec.window is None:

@@ -114,7 +114,7 @@ class PidLoop(Task):
 
     def is_stable(self, gains: Mapping[str, float]) -> bool:
         """Return whether these gains stabilise every plant, in a loop without limits."""
-        return all(loop.is_stable for loop in self._closed(gains))
+        return all(loop.stable for loop in self._closed(gains))
 
     def tuning_violation(self, segment: Segment) -> float:
         """Return by how much hard specs are broken with the larger noise."""
