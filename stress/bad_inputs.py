@@ -219,7 +219,7 @@ CASES = [
          ("tuner.exploration.sigma", "inf", "finite", "step_size=None", "hidden=256", "list")),
     Case("tuner=cmaes tuner.covariance=ful tuner.population=0",
          ("'ful'", "did you mean 'full'", "tuner.population=0", "greater than")),
-    Case("tuner=bo tuner.acquisition=ubc", ("'ubc'", "did you mean 'ucb'")),
+    Case("tuner=bo tuner.start=midle", ("'midle'", "did you mean 'middle'")),
     Case("initial_sigma=0", ("initial_sigma=0", "greater than 0")),
     Case("tuner=random initial_sigma=0.1", ("initial_sigma=0.1", "no start and no sigma")),
     Case("acceptance_test=2", ("acceptance_test=2", "less than")),
