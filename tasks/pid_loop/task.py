@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from zoac.controllers.pid import PID
@@ -11,7 +12,7 @@ from zoac.envs.linear_loop import LoopVecEnv, SampledPlant
 from zoac.rollout.task import Task
 from zoac.specs.judge import Judge
 from zoac.specs.spec import Spec
-from zoac.tasks.pid_loop.requirements import LoopsOf, fitted, objective_of, signals_of
+from zoac.tasks.pid_loop.requirements import closed_loops, fitted, objective_of, signals_of
 
 STRICT_DRAWS = 7
 """Draws of a larger noise, beside the one that was asked for, on which the search judges hard
@@ -80,11 +81,11 @@ class PidLoop(Task):
         asked = range(0, self.loops, len(experiment.noises))
         self.signals = signals_of(self.loops, asked)
         larger = signals_of(self.loops, [k for k in range(self.loops) if k not in asked])
-        loops = LoopsOf([SampledLoop(plant, pid.sample_time) for plant in self.plants], pid)
-        self._closed = loops
+        loops = [SampledLoop(plant, pid.sample_time) for plant in self.plants]
+        self._closed = partial(closed_loops, loops, pid)
         load_at = experiment.load_at * pid.sample_time
         minimised = objective_of(objective, len(self.plants))
-        self.specs = (*(fitted(spec, loops, load_at) for spec in specs), minimised)
+        self.specs = (*(fitted(spec, self._closed, load_at) for spec in specs), minimised)
         self.objective = str(minimised)
         # On the larger noise; without any, all episodes are the same.
         hard = [spec for spec in self.specs if spec.hard and experiment.noise]
