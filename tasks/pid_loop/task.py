@@ -81,8 +81,7 @@ class PidLoop(Task):
         asked = range(0, self.loops, len(experiment.noises))
         self.signals = signals_of(self.loops, asked)
         larger = signals_of(self.loops, [k for k in range(self.loops) if k not in asked])
-        loops = [SampledLoop(plant, pid.sample_time) for plant in self.plants]
-        self._closed = partial(closed_loops, loops, pid)
+        self._closed = partial(closed_loops, [SampledLoop(plant) for plant in self.plants], pid)
         load_at = experiment.load_at * pid.sample_time
         minimised = objective_of(objective, len(self.plants))
         self.specs = (*(fitted(spec, self._closed, load_at) for spec in specs), minimised)
@@ -102,7 +101,6 @@ class PidLoop(Task):
         return LoopVecEnv(
             self.plants,
             n,
-            sample_time=self.pid.sample_time,
             max_episode_steps=e.steps,
             load_at=e.load_at,
             reference=e.reference,

@@ -22,7 +22,7 @@ def plant(dead_time=0.12):
 
 
 def closed(parameters, dead_time=0.12):
-    return SampledLoop(plant(dead_time), SAMPLE_TIME).at(PID(sample_time=SAMPLE_TIME), parameters)
+    return SampledLoop(plant(dead_time)).at(PID(sample_time=SAMPLE_TIME), parameters)
 
 
 def by_control(parameters, dead_time=0.12):
@@ -59,7 +59,7 @@ def test_the_peak_of_a_weakly_damped_mode_of_the_plant_is_found(zeta):
     ts = 0.01
     mode = control.tf([-1.8 * zeta * 2500], [1, 100 * zeta, 2500])
     of_mode = sampled(control.tf([0.5], [1, 1]) + mode, ts)
-    found = loops.max_sensitivity(SampledLoop(of_mode, ts).at(PID(sample_time=ts), {"Kp": 1.0}))
+    found = loops.max_sensitivity(SampledLoop(of_mode).at(PID(sample_time=ts), {"Kp": 1.0}))
     z = np.exp(1j * ts * 50 * (1 + zeta * np.linspace(-5, 5, 100001)))
     exact = (1 / np.abs(1 + of_mode.response(z))).max()
     assert exact > 1.3
@@ -80,7 +80,7 @@ def test_a_loop_is_unstable_beyond_its_gain_margin_and_in_the_simulation_too(nam
     assert (loops.gain_margin(loop), loops.phase_margin(loop), loops.disk_margin(loop)) == (0, 0, 0)
     assert (loops.max_sensitivity(loop), loops.bandwidth(loop)) == (math.inf, 0.0)
     steps = 2000
-    env = LoopVecEnv([plant()], 2, sample_time=SAMPLE_TIME, max_episode_steps=steps, load_at=steps)
+    env = LoopVecEnv([plant()], 2, max_episode_steps=steps, load_at=steps)
     controller = LoopsPID(PID(sample_time=SAMPLE_TIME), 1)
     memory, observation, errors = controller.init(2), env.reset(seed=0)[0], []
     values = {key: np.full(2, value) for key, value in base.items()}

@@ -46,18 +46,13 @@ class SampledLoop:
     The limits of the input and anti-windup are no part of a linear loop.
     """
 
-    def __init__(self, plant: SampledPlant, sample_time: float) -> None:
-        """
-        Args:
-            plant: From `sampled`.
-            sample_time: T_s [s].
-        """
-        self._sample_time, self._matrices = sample_time, plant.state_space()
-        nyquist = math.pi / sample_time
+    def __init__(self, plant: SampledPlant) -> None:
+        self._sample_time, self._matrices = plant.sample_time, plant.state_space()
+        nyquist = math.pi / plant.sample_time
         omega = np.logspace(math.log10(nyquist) - DECADES, math.log10(nyquist), POINTS)
         poles = np.linalg.eigvals(plant.a).astype(complex)
-        self._omega = beside(np.log(poles[np.abs(poles) > 1e-9]) / sample_time, omega)
-        self._z = np.exp(1j * self._omega * sample_time)
+        self._omega = beside(np.log(poles[np.abs(poles) > 1e-9]) / plant.sample_time, omega)
+        self._z = np.exp(1j * self._omega * plant.sample_time)
         self._plant = plant.response(self._z)
 
     def at(self, pid: PID, parameters: Mapping[str, Any]) -> OpenLoop:
