@@ -124,7 +124,7 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
     if task.specs:
         _refuse_parts_of_episodes(node)
     hard = any(spec.hard and not spec.of_loop for spec in task.specs)
-    of_task = [HeldSpecs] if task.held_specs and hard else []
+    of_task = [HeldSpecs] if hard and not task.strict else []
     return build_tuner_for(node, whole, settings, of_task)
 
 

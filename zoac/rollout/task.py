@@ -16,6 +16,7 @@ from zoac.core.segments import Segment
 from zoac.envs.base import VecEnv
 from zoac.rollout import probe
 from zoac.specs.guides import signal_traces
+from zoac.specs.judge import Judge
 from zoac.specs.signals import Signal
 from zoac.specs.spec import Spec
 
@@ -47,9 +48,9 @@ class Task(ABC):
     """Which signal is minimised, where the first line of a run is to say it."""
     baseline: Mapping[str, Any] | None = None
     """Present values of the parameters in `space`, to compare with, for tasks that have them."""
-
-    held_specs = True
-    """Whether held-out episodes choose an answer under hard specs, see `strategies.held_specs`."""
+    strict: Judge | None = None
+    """Tells a tuner how an episode breaks hard specs, more strictly than evaluation does. None: as
+    evaluation does, and held-out episodes choose an answer, see `strategies.held_specs`."""
     preset: str | None = None
     """Folder of `conf/preset` with the tuners' options that suit this task."""
 
@@ -94,11 +95,6 @@ class Task(ABC):
     def tuning_costs(self, segment: Segment) -> np.ndarray:
         """Return the costs (T,) that a tuner sees; evaluation always reports the plain ones."""
         return segment.costs
-
-    def tuning_violation(self, segment: Segment) -> float:
-        """Return by how much an episode breaks specs, as a tuner is told; evaluation uses the
-        plain `Segment.violation`."""
-        return segment.violation
 
     def env_action(self, action: np.ndarray) -> Any:
         """Return a controller's action (m,) as this task's environment takes it."""
