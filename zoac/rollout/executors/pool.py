@@ -79,16 +79,14 @@ class Pool(Executor):
         self._workers: list[Handle] = []
 
     def start(self, task: Task, num_envs: int, seed: int) -> None:
-        self.launch(task, num_envs, seed)
-        self.wait()
-
-    def launch(self, task: Task, num_envs: int, seed: int) -> None:
-        """Begin to start the workers, without waiting for them; where one fails, end all."""
+        """See `Executor.start`; where one worker cannot be started, all end."""
         self._workers = []
         count = min(self._count or self._cores(), num_envs)
         try:
             for part in np.array_split(np.arange(num_envs), count):
                 self._workers.append(self._worker(task, part.tolist(), seed))
+            for worker in self._workers:
+                worker.ready()
         except BaseException:
             self.close()
             raise
@@ -101,15 +99,6 @@ class Pool(Executor):
     @abstractmethod
     def _worker(self, task: Task, env_indices: list[int], seed: int) -> Handle:
         """Begin to start a worker for a group of environments."""
-
-    def wait(self) -> None:
-        """Wait until all workers are ready; where one cannot be started, end all."""
-        try:
-            for worker in self._workers:
-                worker.ready()
-        except BaseException:
-            self.close()
-            raise
 
     def run(
         self, method: Method, proposals: Sequence[Proposal], background_update: Callable[[], None]

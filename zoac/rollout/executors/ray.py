@@ -43,8 +43,8 @@ class Ray(Pool):
         self._address, self._per_worker = address, cores_per_worker
         self._mine = False
 
-    def launch(self, task: Task, num_envs: int, seed: int) -> None:
-        """See `Pool.launch`.
+    def start(self, task: Task, num_envs: int, seed: int) -> None:
+        """See `Pool.start`.
 
         Raises:
             ConfigError: If there is no cluster at `address`, or it has too few cores.
@@ -59,7 +59,7 @@ class Ray(Pool):
             )
         # Shipped once, not once an actor; kept here, for a restart needs it again.
         self._task = ray.put(task)
-        super().launch(task, num_envs, seed)
+        super().start(task, num_envs, seed)
 
     def _cores(self) -> int:
         return max(1, int(ray.cluster_resources().get("CPU", 0.0) // self._per_worker))
