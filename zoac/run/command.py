@@ -18,14 +18,8 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, read_write
 from omegaconf.errors import OmegaConfBaseException
 
-from zoac.config.compose import (
-    check_overrides,
-    explain,
-    know_own_conf,
-    resolved,
-    variant_of,
-)
-from zoac.config.overrides import refuse_flags, with_whole_steps
+from zoac.config.compose import check_overrides, explain, know_own_conf, resolved, variant_of
+from zoac.config.overrides import with_whole_steps
 from zoac.core.errors import ConfigError, ZoacError, as_text
 from zoac.run import sweep_report
 from zoac.run.help import usage
@@ -182,7 +176,6 @@ def main() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         know_own_conf()
-        refuse_flags(arguments)
         overrides = overrides_of(arguments)
         check_overrides(overrides)
         for text in overrides:
@@ -192,7 +185,7 @@ def main() -> None:
     except ZoacError as error:
         sys.exit(f"error: {error}")
     except (HydraException, OmegaConfBaseException) as error:
-        sys.exit(f"error: {explain(error, arguments)}")
+        sys.exit(f"error: {explain(error)}")
     except KeyboardInterrupt as stop:
         if (sweep := lifeline.sweep()) is not None:
             print(sweep_report.report(sweep)[0], file=sys.stderr)
@@ -204,7 +197,7 @@ def main() -> None:
         sweep = lifeline.sweep()
         sweeping = sweep is not None and sweep_report.has_begun(sweep)
         if not _composed and not sweeping:  # Hydra answers some odd overrides with a ValueError
-            sys.exit(f"error: {explain(error, arguments)}")
+            sys.exit(f"error: {explain(error)}")
         if not sweeping:
             raise
         # Jobs do not raise: it is the launcher, whose job has died.
