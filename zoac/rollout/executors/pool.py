@@ -9,9 +9,13 @@ import numpy as np
 
 from zoac.core.segments import Proposal, Segment
 from zoac.core.state import pickled
+from zoac.core.types import Count
 from zoac.rollout.executors.base import Executor
 from zoac.rollout.executors.host import Method
 from zoac.rollout.task import Task
+
+ATTEMPTS = 3
+"""How often the same work may be begun before the run is given up."""
 
 
 class Handle(ABC):
@@ -74,8 +78,12 @@ class Pool(Executor):
     they cannot be saved, the run ends with a message instead.
     """
 
-    def __init__(self, workers: int | None, attempts: int) -> None:
-        self._count, self._attempts = workers, attempts
+    def __init__(self, *, workers: Count | None = None) -> None:
+        """
+        Args:
+            workers: Number of workers; None: one a core that this process may use.
+        """
+        self._count = workers
         self._workers: list[Handle] = []
 
     def start(self, task: Task, num_envs: int, seed: int) -> None:
