@@ -27,8 +27,6 @@ Request = tuple[str, tuple[Any, ...]]
 class Process(Pool):
     """Groups of neighbouring environments, each in a process of its own."""
 
-    ends_steps = True
-
     def _cores(self) -> int:
         return usable_cores()
 
