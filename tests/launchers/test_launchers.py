@@ -106,7 +106,9 @@ def test_a_stopped_sweep_goes_on_and_ends_with_the_numbers_of_jobs_one_after_the
     assert results(tmp_path / "runs") == one_after_the_other
     assert code == 1
     assert "2 job(s) of the sweep done\n1 job(s) of the sweep failed:\n  " in err
-    assert "seed=2: cannot make or use the run folder" in err.partition("failed:")[2]
+    failed = err.partition("failed:")[2]
+    assert failed.startswith("\n  lqr es seed=2 ")
+    assert ": cannot make or use the run folder" in failed
     assert "Traceback" not in err
     if launcher == "joblib":  # submitit's jobs write into files; ray marks each line
         assert sum(": cost " in line for line in out.splitlines()) == 2
@@ -133,7 +135,7 @@ def test_a_job_that_dies_is_told(tmp_path):
     needs("joblib")
     arguments = [*SMALL, "launcher=joblib", "hydra.launcher.n_jobs=2", "seed=0,1"]
     process = start("-m", *arguments, *ENDLESS, cwd=tmp_path)
-    victim = running_note(process, tmp_path / "runs", "seed=1")["pid"]
+    victim = running_note(process, tmp_path / "runs", 1)["pid"]
     os.kill(victim, signal.SIGKILL)
     code, _, err = finish(process)
     assert code == 1
@@ -154,7 +156,7 @@ def test_a_preempted_job_is_requeued_and_ends_with_the_same_numbers(tmp_path):
     # resume=overwrite is meant for the sweep, not for each time that a job is put back.
     again = [*arguments, "launcher=submitit_local", "resume=overwrite"]
     process = start("-m", *again, cwd=tmp_path / "parts")
-    note = running_note(process, tmp_path / "parts" / "runs", "seed=0")
+    note = running_note(process, tmp_path / "parts" / "runs", 0)
     os.kill(note["pid"], signal.SIGUSR2)
     code, _, err = finish(process)
     assert code == 0, err

@@ -180,8 +180,3 @@ def test_options_of_the_search_are_told_where_they_belong():
         code, _, told = answer(override)
         assert code == 1
         assert f"{override}: this belongs to python -m zoac.search" in told
-
-
-def test_a_choice_without_keys_names_the_other_choices():
-    _, _, told = answer("executor=serial", "executor.worker=2")
-    assert "executor=serial has no keys; choices: auto, process, ray, serial" in told

@@ -24,9 +24,10 @@ WORKERS = """
 import sys
 from pathlib import Path
 from tests import support
-from zoac.rollout.executors.process import Process
+from zoac.rollout.executors import process
 
-executor = Process(workers=2, attempts=1)
+process.ATTEMPTS = 1
+executor = process.Process(workers=2)
 executor.start(support.SimulatorTask(Path(sys.argv[1])), 2, seed=0)
 executor.rollout([support.proposal(environment) for environment in (0, 1)])
 """

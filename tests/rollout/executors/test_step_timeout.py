@@ -81,7 +81,7 @@ def rolled_out(executor, env):
     """Return the segments of two rollouts."""
     task = user_task(env=env, controller=p, space=SPACE)
     task.failure_penalty = 50.0
-    task.step_timeout = 0.5 if executor.ends_steps else None
+    task.step_timeout = 0.5 if isinstance(executor, Process) else None
     executor.start(task, 3, seed=19)
     with closing(executor):
         return executor.rollout(PLAN) + executor.rollout(PLAN)
