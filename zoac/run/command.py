@@ -26,7 +26,7 @@ from zoac.config.compose import (
     resolved,
     variant_of,
 )
-from zoac.config.overrides import with_whole_steps
+from zoac.config.overrides import refuse_flags, with_whole_steps
 from zoac.core.errors import ConfigError, ZoacError, as_text
 from zoac.run import sweep_report
 from zoac.run.help import usage
@@ -179,6 +179,7 @@ def main() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         know_own_conf()
+        refuse_flags(arguments)
         overrides = overrides_of(arguments)
         check_overrides(overrides)
         for text in overrides:
