@@ -130,7 +130,7 @@ def test_numbers_typed_as_text_are_numbers():
 @pytest.mark.parametrize(
     ("overrides", "meant"),
     [
-        (["method=bo", "tuner.kapa=3"], "tuner.kappa"),
+        (["method=bo", "tuner.nose=3"], "tuner.noise"),
         (["task=mpc_tracking", "task.mpc.horizn=3"], "task.mpc.horizon"),
         (["executor.worker=3", "executor=process"], "executor.workers"),
     ],
