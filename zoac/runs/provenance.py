@@ -49,8 +49,12 @@ def _versions() -> dict[str, str]:
     return versions
 
 
+@functools.cache
 def commit() -> str | None:
-    """Return the commit of the clone that this package runs from, "+" behind it if changed."""
+    """Return the commit of the clone that this package runs from, "+" behind it if changed.
+
+    As it was when first asked for: a process goes on with the code that it has imported.
+    """
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return None
