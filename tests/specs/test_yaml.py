@@ -118,7 +118,7 @@ def test_functions_are_dotted_paths():
         ],
     )
     margin, size = task.specs
-    assert margin.of_parameters({"k": 2.0}) == pytest.approx(4.0)
+    assert margin.of_parameters({"k": 2.0}) == pytest.approx(4.0, rel=1e-5)
     assert (size.window, size.over) == ((0.5, 1.0), ("cvar", 0.5))
     assert math.isfinite(size.max)
 
