@@ -1,9 +1,10 @@
 """A Python process that has imported the libraries and forks a process for each command.
 
 It reads an order from each line of its standard input: what follows `python` on the command line,
-the folder, the environment, and a folder for the output. It answers with the new process's number;
-the files `stdout`, `stderr` and, at the end, `code` appear in the folder for the output. None of
-zoac is imported here, and a command ends as Python ends: by the end of this module.
+the folder, the environment, a folder for the output, and whether to lead a session. It answers with
+the new process's number; the files `stdout`, `stderr` and, at the end, `code` appear in the folder
+for the output. None of zoac is imported here, and a command ends as Python ends: by the end of this
+module.
 """
 
 import gc
@@ -52,6 +53,8 @@ def become(order: dict) -> list[str]:
         file = os.open(path, write if number else os.O_RDONLY)
         os.dup2(file, number)
         os.close(file)
+    if order["session"]:
+        os.setsid()
     gc.enable()
     os.environ.clear()
     os.environ.update(order["environment"])
