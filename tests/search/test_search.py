@@ -224,7 +224,7 @@ def test_the_search_is_called_like_the_tuner_unless_told():
 
 
 COMMAND = [
-    "task=pid_acc", "tuner=es", "search=zoac", "~search.ranges.tuner", "search.seeds=[5]",
+    "task=lqr", "tuner=es", "search=zoac", "~search.ranges.tuner", "search.seeds=[5]",
     "+search.ranges.tuner.sigma.low=0.02", "+search.ranges.tuner.sigma.high=0.4",
     "search.trials=2", "eval_every=10000000", "evaluation.episodes=1", "checkpoint_seconds=0",
     "evaluation.final_episodes=2", "task.max_episode_steps=50", "num_envs=2",
@@ -240,10 +240,10 @@ def start(*arguments, cwd):
 
 def outcome(folder):
     where = optuna.storages.journal.JournalFileBackend(
-        str(folder / "searches" / "pid_acc-es" / "study.journal")
+        str(folder / "searches" / "lqr-es" / "study.journal")
     )
     study = optuna.load_study(
-        study_name="pid_acc-es", storage=optuna.storages.JournalStorage(where)
+        study_name="lqr-es", storage=optuna.storages.JournalStorage(where)
     )
     done = [t for t in study.get_trials() if t.value is not None]
     return sorted((origin(t), t.params, t.value) for t in done)
