@@ -16,7 +16,6 @@ import numpy as np
 
 from zoac.analysis.data import cli
 from zoac.analysis.data.fairness import refuse_unequal, unmixed
-from zoac.analysis.data.frames import numbers
 from zoac.analysis.data.runs import Collection, Method, Run
 from zoac.analysis.figures import style
 from zoac.analysis.figures.labels import (
@@ -28,12 +27,12 @@ from zoac.analysis.figures.labels import (
     needs_log,
     tuner_names,
 )
-from zoac.analysis.statistics.intervals import Scores, interquartile_mean, mean, summarise
+from zoac.analysis.statistics.intervals import Scores, mean, summarise
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.seeding import stream
+from zoac.core.types import is_number
 
 AXES = ("env_steps", "wall_seconds", "compute_seconds")
-STATISTICS = {"mean": mean, "iqm": interquartile_mean}
 MAX_BANDS = 4
 """Bands of more curves in one panel cover one another."""
 
@@ -79,16 +78,13 @@ class Panel:
     tuners={"metavar": "NAME,...", "help": "show only these, such as zoac,zoac_reg,bo"},
     metric={"help": "any logged number; default: cost and prediction error"},
     against={"choices": AXES, "default": AXES[0]},
-    statistic={"choices": tuple(STATISTICS), "default": "mean"},
 )  # fmt: skip
 def main(options: argparse.Namespace) -> None:
     """Draw learning curves."""
     collection = cli.load_runs(options).of_variant(options.variant)
     if options.tuners is not None:
         collection = collection.of_rows(options.tuners.split(","))
-    panels = all_panels(
-        collection, options.task, options.metric, options.against, options.statistic
-    )
+    panels = all_panels(collection, options.task, options.metric, options.against)
     style.save(lambda: draw(panels, options.against), options, "curves")
 
 
@@ -97,7 +93,6 @@ def all_panels(
     task: str | None = None,
     metric: str | None = None,
     against: str = "env_steps",
-    statistic: str = "mean",
 ) -> list[Panel]:
     """Return the panels of Fig. 3: cost on each family of tasks, prediction error where logged.
 
@@ -106,7 +101,6 @@ def all_panels(
         task: Keep to this task and its regularised twin.
         metric: Show this instead.
         against: One of `AXES`.
-        statistic: One of `STATISTICS`.
 
     Raises:
         ConfigError: If no method logged that in all of its seeds.
@@ -128,7 +122,7 @@ def all_panels(
         studies = all("study" in run.identity for run in of_task)
         for name in [metric] if metric else ["cost_mean", "prediction_error"]:
             if name in _logged(of_task):
-                curves = [_curve(group, name, against, episodes, statistic) for group in groups]
+                curves = [_curve(group, name, against, episodes) for group in groups]
                 if drawn := tuple(c for c in curves if c is not None):
                     panels.append(Panel(base, name, drawn, tuner_names(runs), studies, episodes))
                     for group, curve in zip(groups, curves, strict=True):
@@ -223,9 +217,7 @@ def series(run: Run, metric: str, against: str, episodes: int) -> tuple[np.ndarr
     return np.array([r[against] for r in rows], float), np.array(values, float)
 
 
-def _curve(
-    runs: Sequence[Run], metric: str, against: str, episodes: int, statistic: str
-) -> Curve | None:
+def _curve(runs: Sequence[Run], metric: str, against: str, episodes: int) -> Curve | None:
     """Return the curve of a method over its seeds; None if one of them logged nothing."""
     tracks = [series(run, metric, against, episodes) for run in runs]
     if not all(len(x) for x, _ in tracks):
@@ -240,22 +232,22 @@ def _curve(
         values = np.array([y[np.searchsorted(t, x, side="right") - 1] for t, y in tracks])
     else:
         x, values = np.zeros(1), np.array([[y[-1]] for _, y in tracks])
-    chosen = STATISTICS[statistic]
-    centre, low, high = chosen(values.T), values.min(axis=0), values.max(axis=0)
+    centre, low, high = mean(values.T), values.min(axis=0), values.max(axis=0)
     for k in range(len(x)):
         if not np.isfinite(values[:, k]).all():
             centre[k] = low[k] = high[k] = np.nan
             continue
         rng = stream(0, f"analysis {method} {metric}", k)
         scores = Scores(values[:, k : k + 1], tuned=tuned)
-        interval = summarise(scores, rng, statistic=chosen, resamples=2000)
+        interval = summarise(scores, rng, resamples=2000)
         if interval.exists:
             low[k], high[k] = interval.low, interval.high
     return Curve(method, x, centre, low, high)
 
 
 def _logged(runs: Iterable[Run]) -> set[str]:
-    return {name for run in runs for row in run.metrics for name in numbers(row)} - set(AXES)
+    rows = [row for run in runs for row in run.metrics]
+    return {name for row in rows for name, value in row.items() if is_number(value)} - set(AXES)
 
 
 if __name__ == "__main__":

@@ -68,9 +68,9 @@ def report(
         bodies = [_of_task(collection, task, replay, robustness_folder) for task in tasks]
     names = [TASKS.get(task, task) for task in tasks]
     if len(names) > 1:
-        bodies = [html.section(name, body) for name, body in zip(names, bodies, strict=True)]
+        bodies = [html.part(name, body, level=2) for name, body in zip(names, bodies, strict=True)]
     left_out = html.bullets([escape(item) for item in collection.left_out])
-    return html.page(", ".join(names), [*bodies, html.section("Left out", left_out)])
+    return html.page(", ".join(names), [*bodies, html.part("Left out", left_out, level=2)])
 
 
 def _of_task(collection: Collection, task: str, replay: bool, robustness_folder: Path) -> str:

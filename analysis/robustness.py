@@ -16,7 +16,6 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from zoac.analysis.data import cli, plants
 from zoac.analysis.data.plants import STEP, Sensitivity, Variation
@@ -54,7 +53,6 @@ def main(options: argparse.Namespace) -> None:
     varied = plants.vary(run, ranges, options.plants, options.episodes)
     around = plants.sensitivity(run, options.episodes)
     cli.write_markdown(options.out / "robustness.md", markdown(run, varied, around))
-    cli.write(options.out / "robustness.csv", table(varied, around))
     cli.write(options.out / FILE, plants.as_json(run, varied, around))
     style.save(lambda: draw(varied, around), options, "robustness")
 
@@ -112,27 +110,6 @@ def markdown(run: Run, varied: Variation, around: Sequence[Sensitivity]) -> str:
         ]
     parts += [f"Change of the mean cost with one parameter moved by {STEP / 2:.0%} of its range:"]
     return "\n\n".join([*parts, pipes(changes(around))]) + "\n"
-
-
-def table(varied: Variation, around: Sequence[Sensitivity]) -> str:
-    """Return every number at full precision, one row per controller and plant or parameter."""
-    rows = [
-        {
-            "kind": "plant", "name": controller, "plant": k,
-            **{name: values[k] for name, values in varied.plants.items()},
-            "cost_mean": costs.mean(), "cost_tail": tail_risk(costs), "cost_worst": costs.max(),
-        }
-        for controller, table in varied.costs.items()
-        for k, costs in enumerate(table)
-    ]  # fmt: skip
-    rows += [
-        {"kind": direction, "name": s.name, "cost_mean": getattr(s, direction)}
-        for s in around
-        for direction in ("below", "above")
-    ]
-    columns = ["kind", "name", "plant", *varied.plants, "cost_mean", "cost_tail", "cost_worst"]
-    frame = pd.DataFrame(rows, columns=columns).astype({"plant": "Int64"})
-    return frame.to_csv(index=False, lineterminator="\n")
 
 
 def draw(varied: Variation, around: Sequence[Sensitivity]) -> style.Figure:
@@ -219,7 +196,7 @@ def _sensitivity_part(run: Run, around: Sequence[Sensitivity]) -> str:
             f"Change of the mean cost with one parameter moved by {STEP / 2:.0%} of its range."
         ),
         html.gallery([picture]),
-        html.aside("As a table", html.table(lines)),
+        html.folded("As a table", html.table(lines)),
     )
 
 

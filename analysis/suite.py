@@ -40,7 +40,6 @@ LIMITS = np.linspace(0.0, 1.5, 151)
 @cli.command(
     "suite", "Tuners over many problems.", "tables", "format",
     against={"default": RANDOM, "metavar": "TUNER", "help": f"default: {RANDOM}"},
-    problems={"help": "default: all; such as suite/hopper,suite/loop_43"},
 )  # fmt: skip
 def main(options: argparse.Namespace) -> None:
     """Write tables and figure."""
@@ -49,12 +48,6 @@ def main(options: argparse.Namespace) -> None:
     if (twice := runs.duplicated(KEY)).any():
         what = ", ".join(f"{name} {runs.loc[twice, name].iloc[0]}" for name in KEY)
         raise RunFolderError(f"{options.runs}: two runs of {what}; keep one variant a folder")
-    if options.problems:
-        names = options.problems.split(",")
-        for name in names:
-            if name not in (known := sorted(set(runs["problem"]))):
-                raise ConfigError(f"no run of problem {name!r}; {suggest(name, known)}")
-        runs = runs[runs["problem"].isin(names)]
     if options.against not in (known := sorted(set(runs["tuner"]))):
         raise ConfigError(f"no run of tuner {options.against!r}; {suggest(options.against, known)}")
     cli.write(options.out / "suite.csv", runs.to_csv(index=False, lineterminator="\n"))

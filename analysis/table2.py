@@ -70,7 +70,6 @@ _WITHIN = "use the last evaluation of each run within so many environment steps"
     task={"help": f"default: {TABLE2[0].task} where there is one, else the only one"},
     budget={"type": cli.count, "metavar": "STEPS", "help": _WITHIN},
     seeds={"type": cli.seeds, "metavar": "0-4", "help": "the seeds each method should have"},
-    bootstrap_seed={"type": cli.seed, "default": 0, "metavar": "SEED"},
 )  # fmt: skip
 def main(options: argparse.Namespace) -> None:
     """Write the table of one task in three formats."""
@@ -85,7 +84,6 @@ def main(options: argparse.Namespace) -> None:
         variant=options.variant,
         budget=options.budget,
         seeds=options.seeds,
-        random_seed=options.bootstrap_seed,
         expected=TABLE2 if task == default else (),
     )
     cli.write_markdown(options.out / "table2.md", markdown(comparison))

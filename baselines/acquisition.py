@@ -1,4 +1,4 @@
-"""Acquisition functions of a Gaussian process, with their gradients, and their maximum.
+"""The upper confidence bound of a Gaussian process, with its gradient, and its maximum.
 
 The values are those of `bayes_opt.util.UtilityFunction`. The library maximises them by finite
 differences through scikit-learn, which takes most of the time of an ask. This module has the exact
@@ -7,42 +7,30 @@ gradient for the library's kernel, a Matern of smoothness 5/2 with one length sc
 
 import math
 from collections.abc import Callable
-from typing import Any, Literal
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
-from scipy.special import ndtr
 from sklearn.gaussian_process import GaussianProcessRegressor
 
-Kind = Literal["ucb", "ei", "poi"]
 Rounding = Callable[[np.ndarray], np.ndarray]
+
+KAPPA = 2.576
+"""Standard deviations in the bound; the library's."""
 
 _MIN_VARIANCE = 1e-12  # relative to the prior's; rounding makes it negative at known points
 _PIECE = 500  # points at a time, for matrices that stay in the processor's cache
 
 
 class Acquisition:
-    """An acquisition function of a fitted process, to be maximised."""
+    """The upper confidence bound of a fitted process, to be maximised."""
 
-    def __init__(
-        self,
-        process: GaussianProcessRegressor,
-        seen: np.ndarray,
-        kind: Kind,
-        *,
-        kappa: float = 0.0,
-        xi: float = 0.0,
-    ) -> None:
+    def __init__(self, process: GaussianProcessRegressor, seen: np.ndarray) -> None:
         """
         Args:
             process: Fitted, with the kernel Matern(nu=2.5) and normalised values.
             seen: The values (n,) that it was fitted to.
-            kind: Upper confidence bound, expected improvement, or its probability.
-            kappa: Standard deviations in the upper confidence bound.
-            xi: Margin in the two improvements.
         """
-        self._kind, self._best, self._kappa, self._xi = kind, seen.max(), kappa, xi
         self._points = process.X_train_ / process.kernel_.length_scale
         self._scale = float(process.kernel_.length_scale)
         self._alpha = process.alpha_
@@ -64,7 +52,7 @@ class Acquisition:
         variance = 1.0 - np.einsum("ij,ij->i", reduced, reduced)
         std = self._std * np.sqrt(np.maximum(variance, _MIN_VARIANCE))
         mean = self._std * (covariance @ self._alpha) + self._mean
-        return self._of(mean, std)[0]
+        return mean + KAPPA * std
 
     def value_and_gradient(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Return the value at `x` (d,) and its gradient (d,)."""
@@ -83,19 +71,7 @@ class Acquisition:
         std = self._std * math.sqrt(variance)
         mean_gradient = self._std * ((self._alpha * slope) @ offsets)
         std_gradient = self._std * by_variance / (2.0 * math.sqrt(variance))
-        value, by_mean, by_std = self._of(mean, std)
-        return float(value), by_mean * mean_gradient + by_std * std_gradient
-
-    def _of(self, mean: Any, std: Any) -> tuple[Any, Any, Any]:
-        """Return the value and its derivatives with respect to mean and standard deviation."""
-        if self._kind == "ucb":
-            return mean + self._kappa * std, 1.0, self._kappa
-        gain = mean - self._best - self._xi
-        z = gain / std
-        density = np.exp(-0.5 * np.square(z)) / math.sqrt(2.0 * math.pi)
-        if self._kind == "poi":
-            return ndtr(z), density / std, -density * z / std
-        return gain * ndtr(z) + std * density, ndtr(z), density
+        return mean + KAPPA * std, mean_gradient + KAPPA * std_gradient
 
 
 def maximise(

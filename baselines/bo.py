@@ -40,9 +40,6 @@ class BayesOpt(NevergradTuner):
         start: Literal["random", "baseline", "middle", "library"] = "random",
         initial_design: Count | None = None,
         noise: Positive = 1e-6,
-        acquisition: Literal["ucb", "ei", "poi"] = "ucb",
-        kappa: NonNegative = 2.576,
-        xi: NonNegative = 0.0,
         refit_growth: NonNegative = 0.05,
         max_observations: Annotated[int, Field(ge=10)] | None = 300,
         recommendation: Literal["library", "mean", "best_seen", "reevaluated"] = "library",
@@ -56,9 +53,6 @@ class BayesOpt(NevergradTuner):
                 root of the number of evaluations.
             noise: Variance of the noise over that of the costs; the default is the library's and
                 means none.
-            acquisition: Upper confidence bound, expected improvement or its probability.
-            kappa: Standard deviations in the upper confidence bound.
-            xi: Margin in the two improvements.
             refit_growth: Fraction by which the observations must grow before the length scale of
                 the kernel is estimated again. In between, the process is conditioned on all
                 observations with the last estimate. 0: estimate at every point.
@@ -72,18 +66,12 @@ class BayesOpt(NevergradTuner):
         self._model: dict[str, Any] = {
             "initial_design": initial_design,
             "noise": noise,
-            "acquisition": acquisition,
-            "kappa": kappa,
-            "xi": xi,
             "refit_growth": refit_growth,
             "max_observations": max_observations,
         }
         with global_random_kept():  # the library tries it out
             self._factory = ng.families.ParametrizedBO(
                 init_budget=initial_design,
-                utility_kind=acquisition,
-                utility_kappa=kappa,
-                utility_xi=xi,
                 gp_parameters={"alpha": noise},
             )
         super().__init__(problem, start=start, recommendation=recommendation, **options)
@@ -130,10 +118,9 @@ class BayesOpt(NevergradTuner):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of the fit's convergence, as in the library
             process.fit(rounded(bo.space.params), -self._costs.prices(self._seen))
-        acquisition = Acquisition(
-            process, process.seen, utility.kind, kappa=utility.kappa, xi=utility.xi
+        point = maximise(
+            Acquisition(process, process.seen), bo.space.bounds, bo.space.random_state, rounded
         )
-        point = maximise(acquisition, bo.space.bounds, bo.space.random_state, rounded)
         return bo.space.array_to_params(point)
 
     def _learn(self, outcomes: Outcomes) -> dict[str, float]:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import queue
-import time
 import warnings
-import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from copy import deepcopy
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,7 +20,6 @@ from zoac.rollout.outcomes import Outcomes
 with global_random_kept():  # the library draws while it is imported
     import nevergrad as ng
     from nevergrad.common.errors import InefficientSettingsWarning, TellNotAskedNotSupportedError
-    from nevergrad.optimization import recaster
 
 Optimizer = Any
 Factory = Callable[[Any, int, int], Optimizer]
@@ -32,41 +28,7 @@ Factory = Callable[[Any, int, int], Optimizer]
 LIBRARY_SIGMA = 1.0 / 3.0
 """Nevergrad's mutation standard deviation for bounds [-1, 1]: a sixth of their distance."""
 
-
-class _Counting(queue.Queue[Any]):
-    """A queue that counts the items put into it."""
-
-    count = 0
-
-    def put(self, item: Any, block: bool = True, timeout: float | None = None) -> None:
-        super().put(item, block, timeout)
-        self.count += 1
-
-
-class _Thread(recaster._MessagingThread):
-    """The thread of an optimiser without ask and tell, without two faults of the library's class.
-
-    The library's thread keeps Python from exiting. It also computes and draws random numbers after
-    `tell` has returned.
-    """
-
-    daemon = True
-    alive: ClassVar[weakref.WeakSet[_Thread]] = weakref.WeakSet()
-
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        self.messages_tell = _Counting()
-        self.alive.add(self)
-
-    @classmethod
-    def settle(cls) -> None:
-        """Wait until each thread has asked for one value more than it was told."""
-        for thread in list(cls.alive):
-            while thread.is_alive() and thread.call_count <= thread.messages_tell.count:
-                time.sleep(1e-4)
-
-
-recaster._MessagingThread = _Thread
+OTHERS = "Choose another, such as TwoPointsDE, DiagonalCMA or PSO"
 
 
 class NevergradTuner(EpisodeTuner):
@@ -133,11 +95,9 @@ class NevergradTuner(EpisodeTuner):
                 warnings.simplefilter("ignore", InefficientSettingsWarning)
                 warnings.filterwarnings("ignore", "orphanated injected")  # where it asks singly
                 yield
-                _Thread.settle()
         except Exception as error:
             raise ConfigError(
-                f"Nevergrad's optimiser failed: {as_text(error)}. "
-                "Choose another; TwoPointsDE, DiagonalCMA and PSO need nothing else"
+                f"Nevergrad's optimiser failed: {as_text(error)}. {OTHERS}"
             ) from error
         finally:
             self._global_random = np.random.get_state()  # noqa: NPY002
@@ -235,14 +195,15 @@ class Nevergrad(NevergradTuner):
         """
         Args:
             problem: What is tuned.
-            name: A name in `nevergrad.optimizers.registry`.
+            name: A name in `nevergrad.optimizers.registry`, of an optimiser with ask and tell.
             initial_sigma: Standard deviation of Nevergrad's mutations in normalised coordinates;
                 None: the library's.
             recommendation: "library": the optimiser's own; others: see `EpisodeTuner`.
             options: Of `EpisodeTuner`; the optimiser's initial value is `start`.
 
         Raises:
-            ConfigError: If there is no optimiser of that name, or see `NevergradTuner`.
+            ConfigError: If there is no optimiser of that name, it has no ask and tell, or see
+                `NevergradTuner`.
         """
         registry = ng.optimizers.registry
         if name not in registry:
@@ -254,9 +215,26 @@ class Nevergrad(NevergradTuner):
 
     def _make(self) -> Optimizer:
         optimizer = super()._make()
+        with self._library():
+            threaded = _runs_in_a_thread(optimizer)
+        if threaded:
+            raise ConfigError(
+                f"name={optimizer.name!r}: an optimiser without ask and tell, or made of one, "
+                f"would run in a thread. {OTHERS}"
+            )
         if self._start == "baseline":
             optimizer.suggest(self._first)
         return optimizer
 
     def describe(self) -> dict[str, Any]:
         return {**super().describe(), "initial_sigma": self._initial_sigma}
+
+
+def _runs_in_a_thread(optimizer: Optimizer) -> bool:
+    """Return whether an optimiser, or one of those that it is made of, has no ask and tell."""
+    if isinstance(optimizer, ng.optimizers.NGOptBase):
+        _ = optimizer.optim  # chosen when it is read
+    held = [v if isinstance(v, list) else [v] for v in vars(optimizer).values()]
+    kind = ng.optimizers.base.Optimizer
+    parts = [part for some in held for part in some if isinstance(part, kind)]
+    return optimizer.recast or any(map(_runs_in_a_thread, parts))

@@ -14,11 +14,11 @@ from zoac.core.types import is_number
 from zoac.envs.objective import Objective
 from zoac.rollout.task import Task
 from zoac.specs.judge import check
-from zoac.specs.signals import Signal, action, constant, diagnostic, info, observation
+from zoac.specs.signals import Signal, action, constant, info, observation
 from zoac.specs.spec import Spec
 
 SOURCES: dict[str, Callable[..., Signal]] = {
-    make.__name__: make for make in (observation, action, info, diagnostic)
+    make.__name__: make for make in (observation, action, info)
 }
 """What a signal may be of in a YAML file: `{observation: 1, unit: m}`."""
 
@@ -30,8 +30,7 @@ def signals_of(given: Mapping[str, Any]) -> dict[str, Signal]:
 
     Args:
         given: By name: a `Signal`, a number, a function of a segment or its dotted path, or
-            `{observation: i}`, `{action: i}`, `{info: key}`, `{diagnostic: name}`, each with a
-            `unit` if wanted.
+            `{observation: i}`, `{action: i}`, `{info: key}`, each with a `unit` if wanted.
 
     Raises:
         ConfigError: If one is none of these.
@@ -167,8 +166,8 @@ def require(task: Task, options: Mapping[str, Any]) -> None:
 def sample_time_of(given: float | None, env: gymnasium.Env) -> float | None:
     """Return the seconds of a step: what is given, or what the environment says; None: unknown.
 
-    An environment says it by an attribute `sample_time` or `dt`, or by the keys `sample_time` or
-    `render_fps`, frames per second, of its metadata.
+    An environment says it by an attribute `sample_time` or `dt`, or by the key `sample_time` of its
+    metadata.
 
     Raises:
         ConfigError: If it is no number above 0.
@@ -177,8 +176,6 @@ def sample_time_of(given: float | None, env: gymnasium.Env) -> float | None:
         inner = env.unwrapped
         told = [getattr(inner, name, None) for name in ("sample_time", "dt")]
         told.append(inner.metadata.get("sample_time"))
-        fps: Any = inner.metadata.get("render_fps")
-        told.append(1.0 / fps if is_number(fps) and fps > 0 else None)
         given = next(filter(is_number, told), None)
     return _seconds(given)
 

@@ -1,10 +1,12 @@
 """What all tests share."""
 
+import gc
 import os
 import signal
 import tempfile
 
 import pytest
+import yaml
 from hypothesis import settings
 
 # A busy machine is no reason to fail, nor is the first call of what is compiled.
@@ -13,14 +15,18 @@ settings.load_profile("untimed")
 # Where tests run in a shell's background, SIGINT is ignored, and so would be by what they start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+# The libraries are a million objects, and a thousand small runs would count them again and again.
+gc.set_threshold(200_000, 20, 100)
+# The same parser in C: configurations are composed thousands of times.
+yaml.SafeLoader = yaml.CSafeLoader
 # Tests run side by side.
 os.environ.setdefault("ZOAC_CORES", "1")
 
 
-@pytest.fixture(autouse=True)
-def temporary_folders_end_with_the_test(tmp_path, monkeypatch):
+@pytest.fixture(autouse=True, scope="session")
+def temporary_folders_end_with_the_tests(tmp_path_factory):
     """`zoac.tune` without a folder makes one of its own, which is the user's to keep."""
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    tempfile.tempdir = str(tmp_path_factory.mktemp("tempdir"))
 
 
 @pytest.fixture

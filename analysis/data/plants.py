@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from zoac.analysis.data import replay
-from zoac.analysis.data.frames import numbers
 from zoac.analysis.data.runs import Run
 from zoac.core.errors import ConfigError, RunFolderError, as_text, suggest
 from zoac.core.seeding import stream
+from zoac.core.types import is_number
 from zoac.rollout.task import Task
 from zoac.runs import schema
 
@@ -154,7 +154,7 @@ def on_plant(run: Run, task: Task, values: Mapping[str, float]) -> Task:
 
 def _numbers(node: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
     """Return every number among a task's options by dotted name."""
-    found = {f"{prefix}{key}": value for key, value in numbers(node).items()}
+    found = {f"{prefix}{key}": value for key, value in node.items() if is_number(value)}
     for key, value in node.items():
         if isinstance(value, Mapping) and key != "space":
             found |= _numbers(value, f"{prefix}{key}.")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
@@ -97,13 +96,6 @@ def needs_log(values: np.ndarray) -> bool:
 
 
 def big_axis(axes: Axes, label: str) -> None:
-    """Label the x axis; large numbers are shown in powers of ten, which the label names."""
-    largest = max(abs(limit) for limit in axes.get_xlim())
-    exponent = math.floor(math.log10(largest)) if largest > 0 else 0
-    if exponent < 4:
-        axes.set_xlabel(label)
-        return
-    axes.xaxis.set_major_formatter(lambda value, _: f"{value / 10.0**exponent:g}")
-    factor = f"$10^{exponent}$"
-    unit = f"[{factor} s]" if label.endswith("[s]") else f"[{factor}]"
-    axes.set_xlabel(f"{label.removesuffix('[s]').rstrip()} {unit}")
+    """Label the x axis; large numbers are shown in powers of ten."""
+    axes.ticklabel_format(axis="x", scilimits=(-4, 4), useMathText=True)
+    axes.set_xlabel(label)

@@ -25,14 +25,9 @@ def page(title: str, sections: Sequence[str]) -> str:
     )
 
 
-def section(title: str, body: str) -> str:
-    """Return a section with a heading, or nothing if there is nothing in it."""
-    return f"<section>\n<h2>{escape(title)}</h2>\n{body}</section>\n" if body else ""
-
-
-def part(title: str, *body: str) -> str:
-    """Return a part of a section with a heading, or nothing if there is nothing in it."""
-    return f"<h3>{escape(title)}</h3>\n{''.join(body)}" if any(body) else ""
+def part(title: str, *body: str, level: int = 3) -> str:
+    """Return a part of the page with a heading, or nothing if there is nothing in it."""
+    return f"<h{level}>{escape(title)}</h{level}>\n{''.join(body)}" if any(body) else ""
 
 
 def paragraph(text: str, css: str = "") -> str:
@@ -112,21 +107,6 @@ def tiles(values: Sequence[tuple[str, str]]) -> str:
     return f'<div class="tiles">{cells}</div>\n'
 
 
-def fractions(parts: Sequence[tuple[str, float]]) -> str:
-    """Return a bar divided into fractions of the total, with a legend; parts of 0 are left out."""
-    parts = [(name, value) for name, value in parts if value > 0]
-    total = sum(value for _, value in parts)
-    colours = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#c4ccd4")
-    bar, legend = "", ""
-    for (name, value), colour in zip(parts, colours, strict=False):
-        part = 100 * value / total
-        bar += f'<span style="width:{part:.2f}%;background:{colour}"></span>'
-        legend += (
-            f'<span><i style="background:{colour}"></i>{name} {value:,.1f} s ({part:.0f}%)</span>'
-        )
-    return f'<div class="bar">{bar}</div><div class="legend">{legend}</div>\n'
-
-
 def gallery(pictures: Sequence[str]) -> str:
     """Return pictures side by side, as many as there is room for."""
     return f'<div class="gallery">{"".join(pictures)}</div>\n' if pictures else ""
@@ -136,11 +116,6 @@ def folded(summary: str, body: str, opened: bool = False) -> str:
     """Return a part that opens on a click."""
     state = " open" if opened else ""
     return f"<details{state}>\n<summary>{summary}</summary>\n{body}</details>\n"
-
-
-def aside(summary: str, body: str) -> str:
-    """Return a closed part for what few readers need."""
-    return f'<details class="plain">\n<summary>{summary}</summary>\n{body}</details>\n'
 
 
 def code(text: str) -> str:

@@ -31,8 +31,8 @@ def reproduce(run: Run) -> str:
     }
     return (
         _way(run)
-        + html.aside("Versions and machine", html.code(OmegaConf.to_yaml(facts)))
-        + html.aside("Configuration", html.code(OmegaConf.to_yaml(dict(run.config))))
+        + html.folded("Versions and machine", html.code(OmegaConf.to_yaml(facts)))
+        + html.folded("Configuration", html.code(OmegaConf.to_yaml(dict(run.config))))
     )
 
 

@@ -147,13 +147,11 @@ def _learning_curves(run: Run, compared: Before | None) -> list[str]:
 
 def _health(run: Run) -> str:
     result = run.outcome
-    wall = float(result["wall_seconds"])
-    parts = ("tuner", "evaluation", "checkpoint")
-    named = [(name, float(result.get(f"{name}_seconds", 0.0))) for name in parts]
-    rest = max(0.0, wall - sum(value for _, value in named))
-    study = "study" in run.identity
-    text = "" if study else html.fractions([("rollouts and other work", rest), *named])
-    items = []
+    items = [
+        f"wall time in the {part}: {_duration(result[f'{part}_seconds'])}"
+        for part in ("tuner", "evaluation")
+        if f"{part}_seconds" in result
+    ]
     if result.get("compute_seconds") is not None:
         items.append(f"compute time over all processes {_duration(result['compute_seconds'])}")
     if seconds := result.get("solver_seconds"):
@@ -163,11 +161,11 @@ def _health(run: Run) -> str:
     if "tuning_terminations" in result:
         items.append(f"episodes that ended early while tuning: {result['tuning_terminations']}")
     if result.get("failures"):
-        what = "experiments" if study else "episodes"
+        what = "experiments" if "study" in run.identity else "episodes"
         items.append(f"{what} that failed: {result['failures']}")
         if result.get("first_failure"):
             items.append(f"the first failure: {escape(str(result['first_failure']))}")
-    return text + html.bullets(items)
+    return html.bullets(items)
 
 
 def _duration(seconds: float) -> str:

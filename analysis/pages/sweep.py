@@ -140,7 +140,7 @@ def _differences(claims: tuple[Claim, ...]) -> str:
         pair = escape(f"{claim.first} - {claim.second}")
         lines.append([pair, estimate(claim.difference, sign=True), share])
     table = html.table(without_empty_columns(lines))
-    return text + html.aside(f"All {len(judged)} differences", table)
+    return text + html.folded(f"All {len(judged)} differences", table)
 
 
 def _said(claim: Claim) -> str:

@@ -118,7 +118,6 @@ def compare(
     variant: str | None = None,
     budget: int | None = None,
     seeds: Sequence[int] | None = None,
-    random_seed: int = 0,
     expected: Sequence[Method] = (),
 ) -> Comparison:
     """Summarise and compare all methods of `task` and of its regularised twin.
@@ -129,7 +128,6 @@ def compare(
         variant: Use only runs of this variant.
         budget: Use the last evaluation of each run within so many environment steps.
         seeds: Seeds that every tuned method should have; default: all seeds of all methods.
-        random_seed: Seed of the bootstrap.
         expected: Methods of tuners that are listed even where there is no run.
 
     Raises:
@@ -163,12 +161,12 @@ def compare(
         if np.isfinite(costs).all():
             scores[method] = Scores(costs, groups[method][0].tuned)
     known = [(labels[method], scores[method]) for method in methods if method in scores]
-    judged = _claims(known, random_seed)
+    judged = _claims(known)
     minus_nominal = {c.first: c.difference for c in judged if c.second == nominal}
     summaries = [
         _summary(
             method, labels[method], groups.get(method, []), rows.get(method, {}), wanted,
-            scores.get(method), minus_nominal.get(labels[method], UNKNOWN), random_seed,
+            scores.get(method), minus_nominal.get(labels[method], UNKNOWN),
         )
         for method in methods
     ]  # fmt: skip
@@ -204,15 +202,14 @@ def _summary(
     wanted: Sequence[int],
     scores: Scores | None,
     minus_nominal: Interval,
-    random_seed: int,
 ) -> Summary:
     """Return the summary of a method with its runs, and with what each seed reached."""
     tuned = scores.tuned if scores is not None else method.tuner != NOMINAL
     cost = iqm = UNKNOWN
     if scores is not None:
         name = f"analysis {label}"
-        cost = summarise(scores, stream(random_seed, name))
-        iqm = summarise(scores, stream(random_seed, name, 1), statistic=interquartile_mean)
+        cost = summarise(scores, stream(0, name))
+        iqm = summarise(scores, stream(0, name, 1), statistic=interquartile_mean)
 
     def over_seeds(values: Sequence[float]) -> MeanStd:
         # The seeds of a controller that was not tuned are copies.
@@ -241,11 +238,11 @@ def _summary(
     )
 
 
-def _claims(methods: Sequence[tuple[str, Scores]], random_seed: int) -> tuple[Claim, ...]:
+def _claims(methods: Sequence[tuple[str, Scores]]) -> tuple[Claim, ...]:
     """Return a claim for each pair of labelled methods, in order."""
     made = []
     for (first, a), (second, b) in combinations(methods, 2):
-        rng = stream(random_seed, f"analysis {first} - {second}")
+        rng = stream(0, f"analysis {first} - {second}")
         both = a.tuned and b.tuned
         improvement = probability_of_improvement(a.per_seed, b.per_seed) if both else UNKNOWN
         made.append(Claim(first, second, paired_difference(a, b, rng), improvement))

@@ -109,17 +109,22 @@ def summarise(
     resamples: int = RESAMPLES,
 ) -> Interval:
     """Return `statistic` over seeds of the mean cost, and its two-level interval."""
+    estimate = float(statistic(scores.per_seed))
+    if (n := _smallest([scores])) < MIN_SEEDS:
+        return Interval(estimate, math.nan, math.nan)
     (drawn,) = _bootstrap([scores], rng, statistic, resamples)
-    return _interval(float(statistic(scores.per_seed)), drawn, [scores])
+    return _interval(estimate, drawn, n)
 
 
 def paired_difference(
     a: Scores, b: Scores, rng: np.random.Generator, *, resamples: int = RESAMPLES
 ) -> Interval:
     """Return the mean cost of `a` minus that of `b` on the same episodes, with its interval."""
-    drawn_a, drawn_b = _bootstrap([a, b], rng, mean, resamples)
     estimate = float(mean(a.per_seed) - mean(b.per_seed))
-    return _interval(estimate, drawn_a - drawn_b, [a, b])
+    if (n := _smallest([a, b])) < MIN_SEEDS:
+        return Interval(estimate, math.nan, math.nan)
+    drawn_a, drawn_b = _bootstrap([a, b], rng, mean, resamples)
+    return _interval(estimate, drawn_a - drawn_b, n)
 
 
 def probability_of_improvement(a: np.ndarray, b: np.ndarray) -> Interval:
@@ -155,11 +160,14 @@ def _bootstrap(
     return drawn
 
 
-def _interval(estimate: float, drawn: np.ndarray, groups: Sequence[Scores]) -> Interval:
+def _smallest(groups: Sequence[Scores]) -> int:
+    """Return the fewest seeds of a tuned group, or of episodes if no group is tuned."""
     tuned = [len(group.costs) for group in groups if group.tuned]
-    n = min(tuned) if tuned else groups[0].costs.shape[1]
-    if n < MIN_SEEDS:
-        return Interval(estimate, math.nan, math.nan)
+    return min(tuned) if tuned else groups[0].costs.shape[1]
+
+
+def _interval(estimate: float, drawn: np.ndarray, n: int) -> Interval:
+    """Return the percentile interval of `drawn`, widened as for `n` seeds."""
     tail = ndtr(-stdtrit(n - 1, 0.5 + LEVEL / 2) * np.sqrt(n / (n - 1)))
     low, high = np.quantile(drawn, [tail, 1 - tail])
     return Interval(estimate, float(low), float(high))

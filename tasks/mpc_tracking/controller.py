@@ -93,7 +93,7 @@ class TrackingMpc:
         ones: dict[Any, float] = dict.fromkeys((*STATES, *INPUTS), 1.0)
         self._length = 6 + 3 * options.horizon
         limits = zip(INPUT_LOW.tolist(), INPUT_HIGH.tolist(), strict=True)
-        self._mpc = _UndampedMpc(
+        self._mpc = Mpc(
             BicycleModel(),
             options.horizon,
             weights=ones | {"u": FIXED_STAGE_U},
@@ -106,6 +106,7 @@ class TrackingMpc:
             discount=DISCOUNT,
             linearisations=options.linearisations,
             initial_guess=options.initial_guess,
+            undamped=MAX_LINEARISATIONS,
             solver=solver,
         )
         terminal = (f"terminal_{name}" for name in STATES)
@@ -146,7 +147,3 @@ class TrackingMpc:
         """
         given = {to: parameters[name] for to, name in self._read.items()}
         return self._mpc.export(given, path, self._length)
-
-
-class _UndampedMpc(Mpc):
-    undamped = MAX_LINEARISATIONS

@@ -48,7 +48,7 @@ class Design:
                     "plant.minreal()"
                 )
         low, high = self.input_limits
-        if not low <= 0.0 <= high or low == high:
+        if not low <= 0.0 <= high:
             raise ConfigError(
                 f"input_limits={self.input_limits}: expected (low, high) around 0, the input at "
                 "rest; state limits as deviations from it"

@@ -8,10 +8,11 @@ import numpy as np
 
 from zoac import specs as requirements
 from zoac.controllers.pid import PID
-from zoac.controllers.pid_loop import ClosedLoop, SampledLoop
+from zoac.controllers.pid_loop import SampledLoop
 from zoac.core.errors import ConfigError, suggest
+from zoac.specs.loops import OpenLoop
 from zoac.specs.signals import Episode, Signal
-from zoac.specs.spec import Spec
+from zoac.specs.spec import Loop, Spec
 
 OBJECTIVES = ("iae", "ise", "itae")
 OF_THE_STEP = ("overshoot", "settling_time", "rise_time", "steady_state_error")
@@ -44,22 +45,14 @@ def objective_of(given: str | Spec, plants: int) -> Spec:
     return given if plants == 1 else WorstPlant(**vars(given))
 
 
-class LoopsOf:
-    """The loops of the plants with a PID, as a function of its gains."""
-
-    def __init__(self, loops: Sequence[SampledLoop], pid: PID) -> None:
-        self._loops, self._pid = tuple(loops), pid
-        self._latest: tuple[dict[str, Any], list[ClosedLoop]] = ({}, [])
-
-    def __call__(self, parameters: Mapping[str, Any]) -> list[ClosedLoop]:
-        """Return the closed loops with these gains; several specs ask for the same ones."""
-        if self._latest[0] != parameters:
-            closed = [loop.at(self._pid, parameters) for loop in self._loops]
-            self._latest = dict(parameters), closed
-        return self._latest[1]
+def closed_loops(
+    loops: Sequence[SampledLoop], pid: PID, parameters: Mapping[str, Any]
+) -> list[OpenLoop]:
+    """Return the loops of the plants with a PID of these gains."""
+    return [loop.at(pid, parameters) for loop in loops]
 
 
-def fitted(spec: Spec, loops: LoopsOf, load_at: float) -> Spec:
+def fitted(spec: Spec, loops: Loop, load_at: float) -> Spec:
     """Return a spec as it is judged here.
 
     A figure of the reference's step is looked at until the load begins, at `load_at` [s]; a figure
@@ -69,7 +62,7 @@ def fitted(spec: Spec, loops: LoopsOf, load_at: float) -> Spec:
         worst = min if spec.max is None else max
         return replace(
             spec,
-            figure=lambda of: float(worst(getattr(loop, spec.name)() for loop in of)),
+            figure=lambda of: float(worst(map(spec.figure, of))),
             loop=loops,
         )
     if spec.name in OF_THE_STEP and spec.window is None:

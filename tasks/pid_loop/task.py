@@ -2,17 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from zoac.controllers.pid import PID
 from zoac.controllers.pid_loop import LoopsPID, SampledLoop
 from zoac.core.parameters import ParameterSpace
-from zoac.core.segments import Segment
 from zoac.envs.linear_loop import LoopVecEnv, SampledPlant
 from zoac.rollout.task import Task
 from zoac.specs.judge import Judge
 from zoac.specs.spec import Spec
-from zoac.tasks.pid_loop.requirements import LoopsOf, fitted, objective_of, signals_of
+from zoac.tasks.pid_loop.requirements import closed_loops, fitted, objective_of, signals_of
 
 STRICT_DRAWS = 7
 """Draws of a larger noise, beside the one that was asked for, on which the search judges hard
@@ -53,8 +53,6 @@ class Experiment:
 class PidLoop(Task):
     """The gains of one PID that is to serve every plant of a list: the worst one counts."""
 
-    held_specs = False  # the larger noise of `tuning_violation` does it
-
     def __init__(
         self,
         plants: Sequence[SampledPlant],
@@ -83,14 +81,14 @@ class PidLoop(Task):
         asked = range(0, self.loops, len(experiment.noises))
         self.signals = signals_of(self.loops, asked)
         larger = signals_of(self.loops, [k for k in range(self.loops) if k not in asked])
-        loops = LoopsOf([SampledLoop(plant, pid.sample_time) for plant in self.plants], pid)
-        self._closed = loops
+        self._closed = partial(closed_loops, [SampledLoop(plant) for plant in self.plants], pid)
         load_at = experiment.load_at * pid.sample_time
         minimised = objective_of(objective, len(self.plants))
-        self.specs = (*(fitted(spec, loops, load_at) for spec in specs), minimised)
+        self.specs = (*(fitted(spec, self._closed, load_at) for spec in specs), minimised)
         self.objective = str(minimised)
-        hard = [spec for spec in self.specs if spec.hard]
-        self._strict = Judge(hard, larger, pid.sample_time, experiment.steps, space.named)
+        # On the larger noise; without any, all episodes are the same.
+        hard = [spec for spec in self.specs if spec.hard and experiment.noise]
+        self.strict = Judge(hard, larger, pid.sample_time, experiment.steps, space.named)
 
     @property
     def loops(self) -> int:
@@ -103,7 +101,6 @@ class PidLoop(Task):
         return LoopVecEnv(
             self.plants,
             n,
-            sample_time=self.pid.sample_time,
             max_episode_steps=e.steps,
             load_at=e.load_at,
             reference=e.reference,
@@ -114,13 +111,7 @@ class PidLoop(Task):
 
     def is_stable(self, gains: Mapping[str, float]) -> bool:
         """Return whether these gains stabilise every plant, in a loop without limits."""
-        return all(loop.is_stable for loop in self._closed(gains))
-
-    def tuning_violation(self, segment: Segment) -> float:
-        """Return by how much hard specs are broken with the larger noise."""
-        return (
-            self._strict.judged(segment).violation if self.experiment.noise else segment.violation
-        )
+        return all(loop.stable for loop in self._closed(gains))
 
     def make_controller(self) -> Any:
         """Return the PID in each loop."""

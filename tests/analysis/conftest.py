@@ -2,12 +2,19 @@ import numpy as np
 import pytest
 
 from tests.analysis.folders import NOMINAL, write_run
+from zoac.analysis.figures import style
 
 
 @pytest.fixture(autouse=True)
 def a_folder_to_write_into(tmp_path_factory, monkeypatch):
     """Commands without --out write where they are called."""
     monkeypatch.chdir(tmp_path_factory.mktemp("called_here"))
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Have figures made and written, but not drawn: where nobody looks at them."""
+    monkeypatch.setattr(style, "image", lambda *figure, **options: b"<svg></svg>")
 
 
 @pytest.fixture

@@ -61,10 +61,10 @@ def test_a_bad_list_of_seeds_is_told_by_the_option(tmp_path, capsys, command):
 
 
 @pytest.mark.parametrize("value", ["-1", "0.5", "x"])
-def test_a_bootstrap_seed_is_a_whole_number(tmp_path, capsys, value):
+def test_a_seed_is_a_whole_number(tmp_path, capsys, value):
     with pytest.raises(SystemExit):
-        table2.main([str(tmp_path), f"--bootstrap-seed={value}"])
-    told = f"argument --bootstrap-seed: expected a whole number of at least 0, got '{value}'"
+        robustness.main([str(tmp_path), f"--seed={value}"])
+    told = f"argument --seed: expected a whole number of at least 0, got '{value}'"
     assert told in capsys.readouterr().err
 
 
@@ -89,7 +89,8 @@ def test_a_file_that_cannot_be_written_is_one_message(sweep, tmp_path, capsys):
 
 
 def test_a_film_that_cannot_be_written_is_one_message(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("zoac.analysis.figures.film.FRAMES", 2)
+    monkeypatch.setattr("zoac.analysis.figures.film.FRAMES", 1)
+    monkeypatch.setattr("zoac.analysis.figures.film.HOLD", 0)
     path = tmp_path / "loop.gif"
     path.mkdir()
     assert trajectories.main([str(write_run(tmp_path / "runs")), "--animate", str(path)]) == 1

@@ -149,6 +149,7 @@ def test_evaluations_can_be_thinned(runs, tmp_path, every, kept):
     assert [row["env_steps"] for row in run.evaluations] == kept
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_figures_do_without_what_was_not_kept(small, tmp_path):
     few = ["--task", "pid_acc", "--points", "2", "--episodes", "1", "--format", "svg"]
     assert landscape.main([str(small), *few, "--out", str(tmp_path / "out")]) == 0

@@ -3,7 +3,6 @@ import json
 import pytest
 
 from tests.analysis.folders import write_run
-from zoac.analysis.data.frames import evaluations_frame, numbers, results_frame
 from zoac.analysis.data.load import load, read
 from zoac.core.errors import RunFolderError
 
@@ -145,24 +144,6 @@ def test_no_folder_and_no_run_are_told_apart(tmp_path):
 def test_an_unknown_task_is_answered_with_those_there_are(sweep):
     with pytest.raises(RunFolderError, match=r"no run of task 'pid_ac'; did you mean 'pid_acc'"):
         load(sweep).of_task("pid_ac")
-
-
-def test_frames_carry_identity_and_parameters(sweep):
-    runs = load(sweep).runs
-    results = results_frame(runs)
-    assert len(results) == 16
-    zoac = results[(results.tuner == "zoac") & (results.seed == 2)]
-    assert zoac["cost_mean"].item() == pytest.approx(4.54)
-    evaluations = evaluations_frame(runs)
-    assert set(evaluations.columns) >= {"task", "tuner", "seed", "env_steps", "parameters.Kp"}
-    assert len(evaluations) == 30
-
-
-def test_true_and_false_are_no_numbers():
-    assert numbers({"a": 1, "b": 2.5, "final": True, "kind": "eval", "x": [0.0]}) == {
-        "a": 1,
-        "b": 2.5,
-    }
 
 
 def test_a_file_instead_of_a_folder_is_told(tmp_path):

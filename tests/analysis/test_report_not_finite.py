@@ -24,6 +24,7 @@ def without_costs(folder):
     return folder
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_method_without_finite_costs_leaves_the_other_curves_in_view(tmp_path, monkeypatch):
     views = []
 
@@ -48,6 +49,7 @@ def test_a_run_without_finite_costs_has_a_page_without_warnings(tmp_path):
     assert "Learning curve" in page(folder, tmp_path / "out")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_baseline_without_a_finite_cost_is_not_compared_with(tmp_path):
     folder = write_run(tmp_path, costs=(3.0,), result={"cost_std": 0, "baseline_cost_mean": None})
     assert "baseline values" not in page(folder, tmp_path / "out")

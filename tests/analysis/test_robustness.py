@@ -1,4 +1,4 @@
-import csv
+import json
 from dataclasses import replace
 
 import gymnasium
@@ -129,12 +129,11 @@ def test_the_command_writes_table_and_figure(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "| tuned |" in printed
     assert "| baseline |" in printed
-    rows = list(csv.DictReader((out / "robustness.csv").read_text().splitlines()))
-    plants = [r for r in rows if r["kind"] == "plant" and r["name"] == "tuned"]
-    assert len(plants) == 4
-    assert float(plants[0]["preceding_std"]) == 0.05
     assert (out / "robustness.svg").read_text().startswith("<?xml")
-    assert {r["name"] for r in rows if r["kind"] == "above"} == {"k", "Kp", "Ki", "Kd"}
+    record = json.loads((out / "robustness.json").read_text())
+    assert len(record["plants"]["costs"]["tuned"]) == 4
+    assert record["plants"]["plants"]["preceding_std"][0] == 0.05
+    assert {s["name"] for s in record["sensitivity"]} == {"k", "Kp", "Ki", "Kd"}
 
 
 @pytest.mark.parametrize(

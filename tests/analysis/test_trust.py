@@ -86,6 +86,7 @@ def foreign(request, tmp_path, trace):
     return root
 
 
+@pytest.mark.usefixtures("undrawn")
 # A command that replays, by each way to a task; the test of the film below goes through all kinds.
 @pytest.mark.parametrize(
     ("command", "foreign"),
@@ -134,6 +135,7 @@ def test_what_is_trusted_is_loaded(tmp_path, trace):
     assert trace.exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("command", sorted(REPLAYING))
 def test_each_command_that_replays_takes_trust_code(command, tmp_path, trace, monkeypatch):
     write_run(tmp_path / "runs", config={"task": {**PID, "_target_": "trap.Task"}})

@@ -8,6 +8,7 @@ import pytest
 from zoac.controllers.pid import PID
 from zoac.controllers.pid_loop import LoopsPID, SampledLoop
 from zoac.envs.linear_loop import LoopVecEnv, sampled
+from zoac.specs import loops
 
 control = pytest.importorskip("control")
 
@@ -21,7 +22,7 @@ def plant(dead_time=0.12):
 
 
 def closed(parameters, dead_time=0.12):
-    return SampledLoop(plant(dead_time), SAMPLE_TIME).at(PID(sample_time=SAMPLE_TIME), parameters)
+    return SampledLoop(plant(dead_time)).at(PID(sample_time=SAMPLE_TIME), parameters)
 
 
 def by_control(parameters, dead_time=0.12):
@@ -41,14 +42,14 @@ def test_margins_are_those_of_python_control(parameters, dead_time):
     omega = np.logspace(-3, math.log10(math.pi / SAMPLE_TIME), 5001)
     response = control.frd(theirs, omega)
     gain, phase, *_ = control.stability_margins(response)
-    assert loop.gain_margin() == pytest.approx(gain, rel=2e-3)
-    assert loop.phase_margin() == pytest.approx(phase, abs=0.05)
+    assert loops.gain_margin(loop) == pytest.approx(gain, rel=2e-3)
+    assert loops.phase_margin(loop) == pytest.approx(phase, abs=0.05)
     values = response.frdata.reshape(-1)
-    assert loop.max_sensitivity() == pytest.approx((1 / np.abs(1 + values)).max(), rel=1e-3)
+    assert loops.max_sensitivity(loop) == pytest.approx((1 / np.abs(1 + values)).max(), rel=1e-3)
     # control.disk_margins takes continuous loops only; its formula is 1 / |S - 1/2|.
     sensitivity = 1 / (1 + values)
-    assert loop.disk_margin() == pytest.approx(1 / np.abs(sensitivity - 0.5).max(), rel=1e-3)
-    assert loop.bandwidth() == pytest.approx(
+    assert loops.disk_margin(loop) == pytest.approx(1 / np.abs(sensitivity - 0.5).max(), rel=1e-3)
+    assert loops.bandwidth(loop) == pytest.approx(
         omega[np.flatnonzero(np.abs(1 - sensitivity) < math.sqrt(0.5))[0]], rel=0.01
     )
 
@@ -58,7 +59,7 @@ def test_the_peak_of_a_weakly_damped_mode_of_the_plant_is_found(zeta):
     ts = 0.01
     mode = control.tf([-1.8 * zeta * 2500], [1, 100 * zeta, 2500])
     of_mode = sampled(control.tf([0.5], [1, 1]) + mode, ts)
-    found = SampledLoop(of_mode, ts).at(PID(sample_time=ts), {"Kp": 1.0}).max_sensitivity()
+    found = loops.max_sensitivity(SampledLoop(of_mode).at(PID(sample_time=ts), {"Kp": 1.0}))
     z = np.exp(1j * ts * 50 * (1 + zeta * np.linspace(-5, 5, 100001)))
     exact = (1 / np.abs(1 + of_mode.response(z))).max()
     assert exact > 1.3
@@ -71,15 +72,15 @@ def test_a_loop_is_unstable_beyond_its_gain_margin_and_in_the_simulation_too(nam
     low, high = 1.0, 100.0
     for _ in range(40):  # the factor of one gain at which the loop becomes unstable
         middle = math.sqrt(low * high)
-        stable = closed({**base, name: middle * base[name]}).is_stable
+        stable = closed({**base, name: middle * base[name]}).stable
         low, high = (middle, high) if stable else (low, middle)
     stable, loop = (closed({**base, name: f * low * base[name]}) for f in (0.98, 1.02))
-    assert stable.is_stable
-    assert not loop.is_stable
-    assert (loop.gain_margin(), loop.phase_margin(), loop.disk_margin()) == (0, 0, 0)
-    assert (loop.max_sensitivity(), loop.bandwidth()) == (math.inf, 0.0)
+    assert stable.stable
+    assert not loop.stable
+    assert (loops.gain_margin(loop), loops.phase_margin(loop), loops.disk_margin(loop)) == (0, 0, 0)
+    assert (loops.max_sensitivity(loop), loops.bandwidth(loop)) == (math.inf, 0.0)
     steps = 2000
-    env = LoopVecEnv([plant()], 2, sample_time=SAMPLE_TIME, max_episode_steps=steps, load_at=steps)
+    env = LoopVecEnv([plant()], 2, max_episode_steps=steps, load_at=steps)
     controller = LoopsPID(PID(sample_time=SAMPLE_TIME), 1)
     memory, observation, errors = controller.init(2), env.reset(seed=0)[0], []
     values = {key: np.full(2, value) for key, value in base.items()}
@@ -93,8 +94,8 @@ def test_a_loop_is_unstable_beyond_its_gain_margin_and_in_the_simulation_too(nam
 
 
 def test_a_loop_without_an_integral_is_stable_without_one():
-    assert closed({"Kp": 0.5}).is_stable
-    assert not closed({"Kp": 50.0}).is_stable
+    assert closed({"Kp": 0.5}).stable
+    assert not closed({"Kp": 50.0}).stable
 
 
 def test_several_loops_act_as_each_alone():

@@ -50,7 +50,7 @@ def fine(plant, dead_time, inputs):
 
 def environment(plants, n=1, **options):
     options = {"max_episode_steps": 60, "load_at": 60, **options}
-    return LoopVecEnv(plants, n, sample_time=SAMPLE_TIME, **options)
+    return LoopVecEnv(plants, n, **options)
 
 
 @pytest.mark.parametrize("name", PLANTS)

@@ -46,8 +46,7 @@ def tank(seeds=(0,), **numbers):
 
 @pytest.mark.parametrize(
     ("name", "given", "kept"),
-    [("pumps", 3, 3), ("pumps", 3.0, 3), ("delay", 4.0, np.int8(4)), ("windy", 1, True),
-     ("windy", True, True), ("mass", 2, 2.0)],
+    [("pumps", 3, 3), ("pumps", 3.0, 3), ("delay", 4.0, 4), ("mass", 2, 2.0)],
 )  # fmt: skip
 def test_a_number_keeps_its_kind(name, given, kept):
     (env,) = tank(plant={name: given})
@@ -56,10 +55,9 @@ def test_a_number_keeps_its_kind(name, given, kept):
 
 
 def test_whole_numbers_are_drawn_whole_and_to_both_ends():
-    ranges = {"pumps": (1, 3), "windy": (0, 1)}
-    drawn = {(env.pumps, env.windy) for env in tank(range(100), vary=ranges)}
-    assert drawn == {(pumps, windy) for pumps in (1, 2, 3) for windy in (False, True)}
-    assert {type(v) for pair in drawn for v in pair} == {int, bool}
+    drawn = [env.pumps for env in tank(range(100), vary={"pumps": (1, 3)})]
+    assert set(drawn) == {1, 2, 3}
+    assert {type(number) for number in drawn} == {int}
 
 
 def test_a_whole_number_varies_in_a_run():
@@ -75,8 +73,8 @@ def test_a_whole_number_varies_in_a_run():
     ("numbers", "message"),
     [
         ({"plant": {"pumps": 2.5}}, r"plant.pumps=2.5: .* has 2 there; expected a whole number"),
-        ({"plant": {"delay": 300}}, r"plant.delay=300: .*expected a whole number"),
-        ({"plant": {"windy": 2}}, r"plant.windy=2: .* expected True or False"),
+        ({"plant": {"windy": 1}}, "no number 'windy' to set"),
+        ({"plant": {"pumps": True}}, "plant.pumps=True: expected a finite number"),
         ({"plant": {"mass": math.inf}}, "plant.mass=inf: expected a finite number"),
         ({"plant": {"mass": math.nan}}, "plant.mass=nan: expected a finite number"),
         ({"plant": {"mass": "2"}}, "plant.mass='2': expected a finite number"),

@@ -14,6 +14,7 @@ from zoac.core.segments import Proposal
 from zoac.envs.gymnasium_adapter import GymnasiumVecEnv
 from zoac.envs.single_env import env_action
 from zoac.rollout.engine import RolloutEngine
+from zoac.rollout.horizon import horizon_of
 from zoac.tasks.user_space import parse_space
 from zoac.tasks.user_task import user_task
 
@@ -266,7 +267,7 @@ def test_an_environment_that_cannot_be_closed_is_tuned_all_the_same():
 @pytest.mark.parametrize(("steps", "limit"), [(3, 3), (9, 4), (None, 4)])
 def test_the_smaller_of_two_time_limits_counts(steps, limit):
     limited = task(lambda: gymnasium.wrappers.TimeLimit(Drift(), 4), max_episode_steps=steps)
-    assert limited.make_env(1).max_episode_steps == limited.horizon.steps == limit
+    assert limited.make_env(1).max_episode_steps == horizon_of(limited).steps == limit
 
 
 @pytest.mark.parametrize("name", [1, "", None])

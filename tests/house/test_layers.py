@@ -2,6 +2,7 @@
 
 import ast
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -61,20 +62,25 @@ def of_type_checkers(tree):
     }
 
 
+def in_functions(tree):
+    """Return the ids of the nodes that stand in functions."""
+    return {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
+        for inner in ast.walk(node)
+    }
+
+
 @cache
-def imports(module, at_load=False):
-    """Return the dotted names that a module imports; `at_load`: only while it is loaded."""
+def imports(module, at_load=False, for_types=True):
+    """Return the dotted names that a module imports.
+
+    With `at_load` those in functions are left out, without `for_types` those of type checkers.
+    """
     tree = ast.parse(MODULES[module].read_text())
-    hidden = set()
-    if at_load:
-        hidden = of_type_checkers(tree)
-        functions = (ast.FunctionDef, ast.AsyncFunctionDef)
-        hidden |= {
-            id(inner)
-            for node in ast.walk(tree)
-            if isinstance(node, functions)
-            for inner in ast.walk(node)
-        }
+    hidden = in_functions(tree) if at_load else set()
+    hidden |= set() if for_types else of_type_checkers(tree)
     names = set()
     for node in ast.walk(tree):
         if id(node) in hidden:
@@ -93,7 +99,7 @@ def reached(module):
     """Return every name that loading a module imports, directly or through others of zoac."""
     seen, ahead = set(), [module]
     while ahead:
-        for name in imports(ahead.pop(), at_load=True):
+        for name in imports(ahead.pop(), at_load=True, for_types=False):
             if name not in seen:
                 seen.add(name)
                 ahead += [name] if name in MODULES else []
@@ -138,6 +144,19 @@ def test_imports_run_downwards(module):
         and not (layer_of(package) is not None and layer_of(package) < layer_of(own))
     ]
     assert upwards == []
+
+
+def test_no_module_needs_itself():
+    """Neither while it is loaded nor for its types; a package's face may name what it holds."""
+    needs = {
+        module: [
+            name
+            for name in imports(module, at_load=True)
+            if name in MODULES and not f"{module}.".startswith(f"{name}.")
+        ]
+        for module in MODULES
+    }
+    TopologicalSorter(needs).prepare()  # raises with the circle, if there is one
 
 
 def test_nothing_below_the_analysis_imports_it():

@@ -5,6 +5,7 @@ import pytest
 
 import zoac
 from zoac.analysis import landscape, report
+from zoac.analysis.figures import style
 from zoac.tasks.lane_change import LaneChange, LaneChangeVecEnv, RuleBasedDriver
 from zoac.tasks.lane_change.plant import CAR, COLLISION_COST, RING
 
@@ -57,7 +58,8 @@ def test_changing_environments_brings_the_other_environments_cars_ahead():
     assert after[0, 7] == 0.0
 
 
-def test_tuning_and_analysis_know_whole_numbers_and_options(tmp_path):
+def test_tuning_and_analysis_know_whole_numbers_and_options(tmp_path, monkeypatch):
+    monkeypatch.setattr(style, "image", lambda *figure, **options: b"<svg></svg>")  # unseen
     result = zoac.tune(task="lane_change", tuner="random", budget=600, num_envs=2, quiet=True,
                        eval_every=600, episodes=1, final_episodes=1, folder=tmp_path)  # fmt: skip
     assert isinstance(result.parameters["patience"], int)

@@ -49,8 +49,8 @@ def test_tuning_reaches_the_known_optimum():
     """In cost, to 3%: about their best the gains hardly matter."""
     task = Lqr(max_episode_steps=60)
     result = zoac.tune(
-        task=task, tuner="zoac_plus", budget=15_000, quiet=True, seed=0, episodes=1,
-        eval_every=15_000, final_episodes=1,
+        task=task, tuner="zoac_plus", budget=5_000, quiet=True, seed=0, episodes=1,
+        eval_every=5_000, final_episodes=1,
     )  # fmt: skip
     points = np.stack(
         [task.space.normalise(result.parameters), task.space.normalise(task.baseline)]

@@ -18,7 +18,10 @@ from zoac.mpc.solvers.cvxpy_qp import CvxpySolver
 from zoac.mpc.solvers.riccati import Riccati
 from zoac.mpc.solvers.scaling import units
 
-SOLVERS = [ClarabelSolver, CvxpySolver, Riccati]
+CLARABEL = ClarabelSolver()
+SOLVERS = [CLARABEL, CvxpySolver(), Riccati()]
+"""Shared, since a layout takes a third of a second to prepare."""
+solvers = pytest.mark.parametrize("solver", SOLVERS, ids=["clarabel", "cvxpy", "riccati"])
 
 
 def three_masses(s: float, horizon: int = 25) -> LinearisedProblem:
@@ -61,17 +64,17 @@ def in_units(problem: LinearisedProblem, x: np.ndarray, u: np.ndarray, cost: flo
     )
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-@pytest.mark.parametrize("exponent", range(-8, 9, 2))
+@solvers
+@pytest.mark.parametrize("exponent", [-8, -4, 4, 8])
 def test_the_unit_of_a_state_does_not_change_the_plan(solver, exponent: int) -> None:
     plain = Riccati().solve(three_masses(1.0)).inputs
-    solution = solver().solve(three_masses(10.0**exponent))
+    solution = solver.solve(three_masses(10.0**exponent))
     assert solution.status == [Status.SOLVED]
     np.testing.assert_allclose(solution.inputs, plain, atol=1e-6)
 
 
 @pytest.mark.parametrize("bounds", ["box", "free"])
-@pytest.mark.parametrize("exponent", [2, 5, 8])
+@pytest.mark.parametrize("exponent", [2, 8])
 @pytest.mark.parametrize(
     "problem",
     [
@@ -88,7 +91,7 @@ def test_mixed_units_do_not_change_the_cost(problem, exponent: int, bounds: str)
         no = np.full(nu, np.inf)
         problem = replace(problem, input_low=-no, input_high=no)
     x, u = (10.0 ** rng.uniform(-exponent, exponent, size) for size in (nx, nu))
-    answer = Attempt(ClarabelSolver(), in_units(problem, x, u, 10.0**-exponent))
+    answer = Attempt(CLARABEL, in_units(problem, x, u, 10.0**-exponent))
     np.testing.assert_array_equal(answer.status, Status.SOLVED)
     least = objective(problem, Riccati().solve(problem).inputs)
     np.testing.assert_allclose(objective(problem, answer.inputs / u), least, rtol=1e-6)
@@ -100,7 +103,7 @@ def test_well_scaled_problems_are_solved_as_they_stand() -> None:
     assert (found.cost == 1.0).all()
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
+@solvers
 @pytest.mark.parametrize(
     "problem",
     [
@@ -110,7 +113,7 @@ def test_well_scaled_problems_are_solved_as_they_stand() -> None:
     ],
 )
 def test_what_is_said_to_be_solved_is_proven(solver, problem) -> None:
-    solution = solver().solve(problem)
+    solution = solver.solve(problem)
     assert (solution.status == Status.SOLVED).all()
     assert is_optimal(problem, solution.inputs).all()
 

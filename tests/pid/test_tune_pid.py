@@ -290,10 +290,10 @@ specs:
 @pytest.mark.usefixtures("very_few")
 def test_a_file_gives_what_python_gives_with_the_same_seed(tmp_path):
     path = tmp_path / "plant.yaml"
-    path.write_text(FILE + f"seed: 3\nexport: {tmp_path / 'pid.c'}\n")
+    path.write_text(FILE + f"seed: 3\nexport: {tmp_path / 'pid.h'}\n")
     result = from_file(path)
     assert result.parameters == zoac.tune_pid(lags(), **LOOP, specs=SPECS, seed=3).parameters
-    assert "pid_step" in (tmp_path / "pid.c").read_text()
+    assert "pid_step" in (tmp_path / "pid.h").read_text()
 
 
 @pytest.mark.parametrize(

@@ -79,14 +79,19 @@ loaded = {name for name in sys.modules if name.partition(".")[0] == "zoac"}
 own = {name for name in loaded if name.startswith("zoac.mpc.riccati")}
 assert own and loaded - own == {"zoac", "zoac.mpc"}
 """
+KEEP = "\nplans.tofile('plans')\n"
 OTHER_NAME = "import sys\nsys.modules['zoac'] = None\nimport riccati\nassert riccati.solve"
 
 
-def test_alone_in_a_folder_it_runs_the_example_without_zoac(tmp_path: Path) -> None:
+def test_alone_in_a_folder_it_runs_the_example_without_zoac_to_the_same_bits(
+    tmp_path: Path,
+) -> None:
     """The test above has compiled this size; under another name it would be compiled again."""
     (tmp_path / "riccati").symlink_to(FOLDER)
-    script = ALONE + EXAMPLE + NOTHING_ELSE + OTHER_NAME
+    script = ALONE + EXAMPLE + KEEP + NOTHING_ELSE + OTHER_NAME
     subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=True, timeout=300)
+    exec(EXAMPLE, here := {})
+    np.testing.assert_array_equal(np.fromfile(tmp_path / "plans"), here["plans"].ravel())
 
 
 def arrays(**changes: object) -> dict[str, object]:

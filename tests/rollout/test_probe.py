@@ -19,6 +19,7 @@ from tests.envs.test_adapters import Drift
 from tests.support import CountingTask, engine, proposal, same_segment
 from zoac import check
 from zoac.core.errors import ConfigError
+from zoac.rollout.horizon import horizon_of
 from zoac.runs.training.trainer import Trainer
 from zoac.tasks.user_task import user_task
 
@@ -250,11 +251,11 @@ def test_episodes_that_the_environment_truncates_by_itself_are_measured(tuner, c
 
 
 def test_a_time_limit_is_taken_from_who_gives_it():
-    assert task(Cart, max_episode_steps=7).horizon == (7, "limit")
-    assert task(lambda: TimeLimit(Cart(), 9)).horizon == (9, "limit")
-    assert task("Pendulum-v1").horizon == (200, "limit")
-    assert CountingTask(5).horizon == (5, "limit")
-    assert task(SelfTruncating).horizon == (30, "truncation")
+    assert horizon_of(task(Cart, max_episode_steps=7)) == (7, "limit")
+    assert horizon_of(task(lambda: TimeLimit(Cart(), 9))) == (9, "limit")
+    assert horizon_of(task("Pendulum-v1")) == (200, "limit")
+    assert horizon_of(CountingTask(5)) == (5, "limit")
+    assert horizon_of(task(SelfTruncating)) == (30, "truncation")
 
 
 def test_the_length_of_episodes_that_terminate_is_measured_with_the_start_values():
@@ -268,10 +269,10 @@ def test_the_length_of_episodes_that_terminate_is_measured_with_the_start_values
             return super().reset(**options)
 
     act = {"controller": lambda p, o: p["k"], "space": {"k": (0, 2)}}
-    assert task(Tank, **act).horizon == (2, "termination")
+    assert horizon_of(task(Tank, **act)) == (2, "termination")
     slow = task(Tank, **act, baseline={"k": 0.125})
-    assert slow.horizon == (9, "termination")
-    assert "9 steps in the longest of 3" in slow.horizon.remark
+    assert horizon_of(slow) == (9, "termination")
+    assert "9 steps in the longest of 3" in horizon_of(slow).remark
 
 
 def test_an_environment_that_never_ends_is_refused_before_the_run(monkeypatch):

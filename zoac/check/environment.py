@@ -10,6 +10,7 @@ from zoac.check.samples import Found, draws, segments
 from zoac.core.segments import Proposal
 from zoac.rollout.engine import RolloutEngine
 from zoac.rollout.evaluation import evaluation_proposals
+from zoac.rollout.horizon import horizon_of
 from zoac.rollout.probe import first_difference, played
 from zoac.rollout.task import Task
 from zoac.specs.verdict import over_episodes
@@ -59,7 +60,7 @@ def shapes(task: Task) -> Found:
 
 def episodes_end(task: Task) -> Found:
     """There is a time limit."""
-    steps, source = task.horizon
+    steps, source = horizon_of(task)
     if source == "termination":
         return False, (
             f"{steps} steps in the longest of a few, but nothing ends an episode for certain; give "
@@ -126,7 +127,7 @@ def baseline_specs(task: Task) -> Found:
     engine = RolloutEngine(task, range(EPISODES), [0] * EPISODES)
     try:
         segments = engine.rollout(evaluation_proposals(x, EPISODES, seed=0))
-        limit = task.horizon.steps
+        limit = horizon_of(task).steps
     finally:
         engine.close()
     if all(segment.terminated and segment.length < limit for segment in segments):

@@ -10,6 +10,7 @@ from typing import Any
 from zoac.config.files import AUTO, configuration
 from zoac.core.errors import ConfigError, option_names
 from zoac.core.types import is_number
+from zoac.rollout.horizon import horizon_of
 from zoac.rollout.task import Task
 
 MAX_COORDINATES = 20
@@ -53,7 +54,7 @@ def budget_of(experiments: Any, budget: Any, task: Task) -> Any:
     """Return the budget in environment steps; `experiments`, if given, replace it."""
     if not is_number(experiments) or experiments <= 0:  # which is refused where all settings are
         return budget
-    return experiments * task.horizon.steps
+    return experiments * horizon_of(task).steps
 
 
 def settled(

@@ -17,6 +17,7 @@ from zoac.config.validate import TARGET, check_arguments, with_groups
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.tuner import Problem, Tuner
 from zoac.rollout.executors.base import Executor
+from zoac.rollout.horizon import horizon_of
 from zoac.rollout.task import Task
 from zoac.runs.loggers.base import Logger
 from zoac.specs.judge import EPISODES_ONLY
@@ -112,7 +113,7 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
         observation_size=shape[0],
         num_envs=settings.num_envs,
         budget=settings.budget,
-        max_episode_steps=task.horizon.steps,
+        max_episode_steps=horizon_of(task).steps,
         seed=settings.seed,
         start=baseline,
         supports_snapshots=task.restore_fault is None,
@@ -123,7 +124,7 @@ def build_tuner(node: Mapping[str, Any], task: Task, settings: Settings) -> Tune
     if task.specs:
         _refuse_parts_of_episodes(node)
     hard = any(spec.hard and not spec.of_loop for spec in task.specs)
-    of_task = [HeldSpecs] if task.held_specs and hard else []
+    of_task = [HeldSpecs] if hard and not task.strict else []
     return build_tuner_for(node, whole, settings, of_task)
 
 

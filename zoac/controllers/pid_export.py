@@ -15,10 +15,9 @@ def export_pid(pid: PID, parameters: Mapping[str, float], path: str | Path) -> P
     Args:
         pid: Its structure: sample time, limits, weights, anti-windup.
         parameters: Its gains, in the form of `pid`.
-        path: `.h` (a state struct, `pid_init` and `pid_step`, without dependencies, to be included
-            once), `.c` (the same, to be linked: its first lines are the declarations for others),
-            `.m` (MATLAB's `pid(Kp, Ki, Kd, Tf, Ts)`), `.py` (a function `step(r, y)`;
-            the file imports zoac and NumPy).
+        path: `.h` (C to include: a state struct, `pid_init` and `pid_step`, without dependencies),
+            `.m` (MATLAB's `pid(Kp, Ki, Kd, Tf, Ts)`), `.py` (a function `step(r, y)`; the file
+            imports zoac and NumPy).
 
     Raises:
         ConfigError: If the suffix is unknown, a gain is misspelt or not finite, or the file cannot
@@ -71,8 +70,6 @@ def _number(value: float) -> str:
     return repr(float(value))
 
 
-STATE = "typedef struct { double integral, derivative, y, r, u; int begun; } pid_state;"
-INIT, STEP = "void pid_init(pid_state *s)", "double pid_step(pid_state *s, double r, double y)"
 CODE = """\
 /* A PID controller: call pid_init once, then pid_step every PID_TS seconds. */
 #include <math.h>
@@ -88,16 +85,16 @@ CODE = """\
 #define PID_HIGH ($high) /* largest output */
 #define PID_MAX_MOVE ($move) /* largest change a step */
 
-$STATE
+typedef struct { double integral, derivative, y, r, u; int begun; } pid_state;
 
-$INIT
+static void pid_init(pid_state *s)
 {
     s->integral = s->derivative = s->y = s->r = 0.0;
     s->u = $first;
     s->begun = 0;
 }
 
-$STEP
+static double pid_step(pid_state *s, double r, double y)
 {
     double p, v, u, step;
     if (!s->begun) { s->y = y; s->r = r; }
@@ -123,18 +120,6 @@ $windup    s->integral = s->integral + step;
 
 
 def _c(pid: PID, gains: Mapping[str, float]) -> str:
-    """Return a C file that other files can be linked with."""
-    declarations = "\n   ".join((STATE, f"{INIT};", f"{STEP};"))
-    code = _code(pid, gains, INIT, STEP)
-    return f"/* Declarations for files that use it:\n   {declarations} */\n{code}"
-
-
-def _header(pid: PID, gains: Mapping[str, float]) -> str:
-    """Return C to be included."""
-    return _code(pid, gains, f"static {INIT}", f"static {STEP}")
-
-
-def _code(pid: PID, gains: Mapping[str, float], init: str, step: str) -> str:
     """Return the state struct, `pid_init` and `pid_step` in C."""
     windup, time = "", float(pid.tracking_time_of(gains["Kp"], gains["Ki"], gains["Kd"]))
     if pid.anti_windup == "clamping":
@@ -148,9 +133,9 @@ def _code(pid: PID, gains: Mapping[str, float], init: str, step: str) -> str:
                "move": move, "first": pid.initial_output or 0.0, **gains}  # fmt: skip
     return Template(CODE).substitute(
         {name: _number(value) for name, value in numbers.items()},
-        STATE=STATE, INIT=init, STEP=step, windup=windup,
+        windup=windup,
         bumpless="0" if pid.initial_output is None else "1",
-    )  # fmt: skip
+    )
 
 
 def _matlab(pid: PID, gains: Mapping[str, float]) -> str:
@@ -183,5 +168,5 @@ def _literal(value: object) -> str:
     return repr(value).replace("inf", "math.inf")
 
 
-WRITERS = {".c": _c, ".h": _header, ".m": _matlab, ".py": _python}
+WRITERS = {".h": _c, ".m": _matlab, ".py": _python}
 """By suffix."""

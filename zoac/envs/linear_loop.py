@@ -35,6 +35,7 @@ class SampledPlant:
         c: (p,), of the output.
         d: Direct feedthrough of the input that acts at the sample.
         delay: Samples d.
+        sample_time: T_s [s].
     """
 
     a: np.ndarray
@@ -43,6 +44,7 @@ class SampledPlant:
     c: np.ndarray
     d: float
     delay: int
+    sample_time: float
 
     def response(self, z: np.ndarray) -> np.ndarray:
         """Return the transfer function at `z` (K,), complex."""
@@ -121,7 +123,7 @@ def sampled(system: Any, sample_time: float, dead_time: float = 0.0) -> SampledP
     # The early input acts first; its effect then passes through the rest of the step.
     rest, late = held(sample_time - early)
     _, first = held(early)
-    return SampledPlant(a, rest @ first, late, space.C[0], through, delay)
+    return SampledPlant(a, rest @ first, late, space.C[0], through, delay, sample_time)
 
 
 def refuse_not_finite(system: Any) -> None:
@@ -161,7 +163,6 @@ class LoopVecEnv(ArrayVecEnv):
         plants: Sequence[SampledPlant],
         num_envs: int,
         *,
-        sample_time: float,
         max_episode_steps: int,
         load_at: int,
         reference: float = 1.0,
@@ -171,9 +172,8 @@ class LoopVecEnv(ArrayVecEnv):
     ) -> None:
         """
         Args:
-            plants: From `sampled`, P of them.
+            plants: From `sampled`, P of them, all of one sample time.
             num_envs: n.
-            sample_time: T_s [s].
             max_episode_steps: Length of an episode.
             load_at: Step at which the load begins.
             reference: Height of the reference's step.
@@ -191,7 +191,7 @@ class LoopVecEnv(ArrayVecEnv):
             Box(*input_limits, (loops,), dtype=np.float64),
             max_episode_steps,
         )
-        self._sample_time, self._reference = sample_time, reference
+        self._sample_time, self._reference = plants[0].sample_time, reference
         self._noises = np.tile(np.asarray(noises, dtype=np.float64), len(plants))
         self._loads = np.repeat(np.broadcast_to(loads, len(plants)), draws)
         self._load_at, self._shape = load_at, (num_envs, len(plants), draws)

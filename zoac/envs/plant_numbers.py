@@ -12,9 +12,6 @@ from zoac.core.types import is_number
 
 Bounds = tuple[float, float] | list[float]
 
-_WHOLE = (int, np.integer, np.bool_)  # True and False too, as 1 and 0
-_NUMBERS = (*_WHOLE, float, np.floating)
-
 
 class PlantNumbers:
     """Attributes of the innermost environment. One that holds a whole number stays whole."""
@@ -51,8 +48,8 @@ class PlantNumbers:
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         """Return one episode's numbers by attribute."""
         return self.fixed | {
-            name: type(low)(rng.integers(int(low), int(high), endpoint=True))
-            if isinstance(low, _WHOLE)
+            name: int(rng.integers(low, high, endpoint=True))
+            if isinstance(low, int)
             else float(rng.uniform(low, high))
             for name, (low, high) in self._ranges.items()
         }
@@ -77,9 +74,9 @@ class PlantNumbers:
         """
         inner = env.unwrapped
         for name, value in numbers.items():
-            found = getattr(inner, name, None)
+            found: Any = getattr(inner, name, None)
             # Not to the last bit: an environment may keep it in single precision.
-            if not (isinstance(found, _NUMBERS) and np.isclose(found, value, rtol=1e-6, atol=0.0)):
+            if not (is_number(found) and np.isclose(found, value, rtol=1e-6, atol=0.0)):
                 raise ConfigError(
                     f"{type(inner).__name__}.reset sets {name!r} to {found!r} itself, so it cannot "
                     f"be set to {value:g} by plant or vary; set it in __init__, and let reset read "
@@ -91,14 +88,15 @@ def lost_number(env: gymnasium.Env, twin: gymnasium.Env) -> str | None:
     """Return the name of a number that is another one in `twin`, a copy of `env`."""
     for name, value in vars(env.unwrapped).items():
         found = getattr(twin.unwrapped, name, None)
-        if isinstance(value, _NUMBERS) and found != value and value == value:  # no NaN
+        kept = is_number(value) or isinstance(value, bool | np.bool_)
+        if kept and found != value and value == value:  # no NaN
             return name
     return None
 
 
 def _found(inner: gymnasium.Env, name: str) -> Any:
     found = getattr(inner, name, None) if isinstance(name, str) else None
-    if not isinstance(found, _NUMBERS):
+    if not is_number(found):
         raise ConfigError(
             f"{type(inner).__name__} has no number {name!r} to set; {_nearest(inner, name)}"
         )
@@ -116,9 +114,7 @@ def _set(inner: gymnasium.Env, name: str, value: Any) -> None:
 
 
 def _nearest(inner: gymnasium.Env, name: str) -> str:
-    return suggest(
-        name, [k for k, v in vars(inner).items() if isinstance(v, _NUMBERS) and k != name]
-    )
+    return suggest(name, [k for k, v in vars(inner).items() if is_number(v) and k != name])
 
 
 def _number(where: str, value: Any, found: Any) -> Any:
@@ -127,21 +123,16 @@ def _number(where: str, value: Any, found: Any) -> Any:
     Raises:
         ConfigError: If it is none.
     """
-    if not (is_number(value) or isinstance(value, bool)) or not math.isfinite(value):
+    if not is_number(value) or not math.isfinite(value):
         raise ConfigError(f"{where}: expected a finite number")
-    if not isinstance(found, _WHOLE):
+    if not isinstance(found, int | np.integer):
         return float(value)
-    try:
-        whole = type(found)(value)
-    except OverflowError:  # of a type with few bits
-        whole = None
-    if whole != value:
-        kind = "True or False" if isinstance(found, bool | np.bool_) else "a whole number"
+    if value != int(value):
         raise ConfigError(
-            f"{where}: the environment has {found!r} there; expected {kind}. If any number will "
-            f"do, have the environment begin with {float(found)!r}"
+            f"{where}: the environment has {found!r} there; expected a whole number. If any number "
+            f"will do, have the environment begin with {float(found)!r}"
         )
-    return whole
+    return int(value)
 
 
 def _range(where: str, bounds: Any, found: Any) -> tuple[Any, Any]:

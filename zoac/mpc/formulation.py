@@ -116,6 +116,10 @@ class Formulation:
     of_bounds: tuple[list[cp.Constraint], list[cp.Constraint]]
 
 
+CANON_BACKEND = "COO"
+"""CVXPY's way to the canonical form that is quickest where there are many parameters."""
+
+
 def build_problem(layout: Layout) -> Formulation:
     """State the problem for one layout.
 

@@ -15,6 +15,7 @@ from zoac.controllers.pid_export import export_pid
 from zoac.core.errors import ConfigError
 from zoac.core.types import is_number
 from zoac.envs.single_env import EnvSource
+from zoac.rollout.horizon import horizon_of
 from zoac.rollout.task import Task
 from zoac.run.api import tune
 from zoac.runs.result import Result
@@ -96,7 +97,7 @@ class PidResult:
         return {"K": k, "Ti": ti, "Td": td, "N": td / tf if tf else math.inf}
 
     def export(self, path: str | Path) -> Path:
-        """Write the controller as `.c`, `.h`, `.m` or `.py`; see `export_pid`."""
+        """Write the controller as `.h`, `.m` or `.py`; see `export_pid`."""
         return export_pid(self.controller, self.parameters, path)
 
     def __str__(self) -> str:
@@ -241,10 +242,10 @@ def _tuned(task: Task, pid: PID, episodes: int, seed: int, remarks: list[str]) -
         task=task,
         tuner="nevergrad" if alone else "cmaes_full",
         tuner_options=options,
-        budget=episodes * task.horizon.steps,
+        budget=episodes * horizon_of(task).steps,
         num_envs=POPULATION,
         common_random_numbers=True,
-        eval_every=episodes * task.horizon.steps,
+        eval_every=episodes * horizon_of(task).steps,
         episodes=1,
         final_episodes=20,
         seed=seed,

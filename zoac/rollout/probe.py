@@ -1,24 +1,18 @@
 """What a run finds out about environment and controller, by trying, before it relies on it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import closing
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from zoac.controllers.stateful_controller import stateful_in
+from zoac.core.controller import Controller, Memory
 from zoac.core.errors import as_text
-from zoac.core.segments import Proposal
+from zoac.core.parameters import ParameterSpace
 from zoac.core.state import decode, encode
 from zoac.envs.base import VecEnv
-from zoac.rollout.engine import RolloutEngine
-
-if TYPE_CHECKING:
-    from zoac.core.controller import Memory
-    from zoac.rollout.task import Task
 
 STEPS = 20
 """Steps of the trial from a saved state, and again after the next reset."""
@@ -67,77 +61,32 @@ def restore_fault(make_env: Callable[[int], VecEnv], pickled: bool = False) -> s
     )
 
 
-EPISODES = 3
-"""Episodes from which the length of those without a time limit is told."""
-
-
-class Horizon(NamedTuple):
-    """How long the episodes of a task are.
-
-    Args:
-        steps: Of the longest one.
-        source: "limit": that is the time limit; "truncation": the environment truncated its first
-            episodes by itself; "termination": they terminated, and others may be longer.
-    """
-
-    steps: int
-    source: Literal["limit", "truncation", "termination"]
-
-    @property
-    def remark(self) -> str:
-        """What the first lines of a run say of it; nothing where there is a time limit."""
-        told = {
-            "limit": "",
-            "truncation": "truncated by the environment itself after {:,} steps",
-            "termination": f"no time limit; {{:,}} steps in the longest of {EPISODES}, with which "
-            "the tuner plans; give max_episode_steps if others take longer",
-        }
-        return told[self.source].format(self.steps)
-
-
-def horizon(task: Task) -> Horizon:
-    """Return the time limit; where there is none, run episodes with the baseline parameters.
-
-    Without baseline parameters those in the middle of the space are taken.
-
-    Raises:
-        ConfigError: If an episode does not end.
-    """
-    env = task.make_env(1)
-    env.close()
-    if env.limited:
-        return Horizon(env.max_episode_steps, "limit")
-    x = (
-        np.zeros(task.space.dimension)
-        if task.baseline is None
-        else task.space.normalise(task.baseline)
-    )
-    with closing(RolloutEngine(task, [0], [SEEDS[0]])) as engine:
-        segments = engine.rollout([Proposal(x, 0)] * EPISODES)
-    last = max(segments, key=lambda s: s.length)
-    return Horizon(last.length, "truncation" if last.truncated else "termination")
-
-
-def controller_fault(task: Task, pickled: bool = False) -> str | None:
+def controller_fault(
+    controller: Controller,
+    space: ParameterSpace,
+    make_env: Callable[[int], VecEnv],
+    pickled: bool = False,
+) -> str | None:
     """Save a controller object in mid-episode, restore it, and compare how it goes on.
 
     Args:
-        task: Gives the controller; one whose memory is arrays needs no trial.
+        controller: One whose memory is arrays needs no trial.
+        space: Its parameters, of which those in the middle are taken.
+        make_env: As for `restore_fault`; tells the shape of an observation.
         pickled: The state goes through a pickle into another object, as a checkpoint does.
 
     Returns:
         What went wrong, for people to read; None: nothing.
     """
-    controller = task.make_controller()
     memory = controller.init(1)
     if not stateful_in(memory):
         return None
-    env = task.make_env(1)
+    env = make_env(1)
     shape = env.single_observation_space.shape or ()
     env.close()
     observations = np.random.default_rng(0).standard_normal((STEPS, 1, *shape))
-    values = task.space.values(np.zeros(task.space.dimension))
-    parameters = {name: v[None] for name, v in zip(task.space.names, values, strict=True)}
+    values = space.values(np.zeros(space.dimension))
+    parameters = {name: v[None] for name, v in zip(space.names, values, strict=True)}
 
     def shown(memory: Memory, first: int, end: int) -> list[bytes | str]:
         try:

@@ -16,6 +16,7 @@ from zoac.core.segments import Segment
 from zoac.envs.base import VecEnv
 from zoac.rollout import probe
 from zoac.specs.guides import signal_traces
+from zoac.specs.judge import Judge
 from zoac.specs.signals import Signal
 from zoac.specs.spec import Spec
 
@@ -47,9 +48,9 @@ class Task(ABC):
     """Which signal is minimised, where the first line of a run is to say it."""
     baseline: Mapping[str, Any] | None = None
     """Present values of the parameters in `space`, to compare with, for tasks that have them."""
-
-    held_specs = True
-    """Whether held-out episodes choose an answer under hard specs, see `strategies.held_specs`."""
+    strict: Judge | None = None
+    """Tells a tuner how an episode breaks hard specs, more strictly than evaluation does. None: as
+    evaluation does, and held-out episodes choose an answer, see `strategies.held_specs`."""
     preset: str | None = None
     """Folder of `conf/preset` with the tuners' options that suit this task."""
 
@@ -71,15 +72,16 @@ class Task(ABC):
     @cached_property
     def restore_fault(self) -> str | None:
         """Why an environment cannot be restored; None: a trial showed that it can."""
-        return probe.restore_fault(self.make_env) or probe.controller_fault(self)
+        return self._fault(pickled=False)
 
     @cached_property
     def save_fault(self) -> str | None:
         """Why an environment cannot be restored in another process; None: it can."""
-        return (
-            self.restore_fault
-            or probe.restore_fault(self.make_env, pickled=True)
-            or probe.controller_fault(self, pickled=True)
+        return self.restore_fault or self._fault(pickled=True)
+
+    def _fault(self, pickled: bool) -> str | None:
+        return probe.restore_fault(self.make_env, pickled) or probe.controller_fault(
+            self.make_controller(), self.space, self.make_env, pickled
         )
 
     @cached_property
@@ -90,19 +92,9 @@ class Task(ABC):
         """
         return 0
 
-    @cached_property
-    def horizon(self) -> probe.Horizon:
-        """How long episodes are."""
-        return probe.horizon(self)
-
     def tuning_costs(self, segment: Segment) -> np.ndarray:
         """Return the costs (T,) that a tuner sees; evaluation always reports the plain ones."""
         return segment.costs
-
-    def tuning_violation(self, segment: Segment) -> float:
-        """Return by how much an episode breaks specs, as a tuner is told; evaluation uses the
-        plain `Segment.violation`."""
-        return segment.violation
 
     def env_action(self, action: np.ndarray) -> Any:
         """Return a controller's action (m,) as this task's environment takes it."""

@@ -1,5 +1,6 @@
 """What `run.json` keeps of code and machine: versions, commit, processor."""
 
+import functools
 import os
 import platform
 import subprocess
@@ -52,6 +53,7 @@ def _processor() -> str:
     return next(filter(None, models), platform.processor() or platform.machine())
 
 
+@functools.cache
 def _versions() -> dict[str, str]:
     versions = {"python": platform.python_version()}
     for name in PACKAGES:

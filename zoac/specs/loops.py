@@ -1,20 +1,20 @@
 """What a linear loop shows without a simulation: margins, sensitivity, bandwidth.
 
-All functions take the open loop L, a system of python-control with one input and one output, in
-continuous or discrete time, which is closed with negative feedback. Where the closed loop is
-unstable margins are 0 and the sensitivity is infinite.
+All figures are of an open loop L that is closed with negative feedback: a system of python-control
+with one input and one output, in continuous or discrete time, or an `OpenLoop`. Where the closed
+loop is unstable margins are 0 and the sensitivity is infinite.
 """
 
 import math
-from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from zoac.core.errors import ConfigError
 
-POINTS, PER_DECADE = 2000, 200
+POINTS, PER_DECADE = 5000, 1000
 """Frequencies at least at which a response is looked at, logarithmic over the corners of the open
 and the closed loop and `DECADES` beside them."""
 
@@ -26,50 +26,74 @@ WEAK = 0.1
 BESIDE = 150
 """Frequencies on each side of a weakly damped root."""
 
-Figure = Callable[[np.ndarray], np.ndarray]
-"""Function of frequencies (K,) [rad/s] that returns as many numbers."""
+
+@dataclass(frozen=True, eq=False)
+class OpenLoop:
+    """A loop's frequency response, so dense that it is straight from point to point.
+
+    Args:
+        omega: Frequencies (K,) [rad/s], increasing, from 0 or nearly 0.
+        response: L there (K,), complex; infinite at a pole.
+        stable: Whether the closed loop is stable.
+    """
+
+    omega: np.ndarray
+    response: np.ndarray
+    stable: bool
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # at a pole
 def gain_margin(loop: Any) -> float:
     """Return the factor above 1 by which the loop's gain may grow until it is unstable."""
-    if not is_stable(loop):
+    loop = open_loop(loop)
+    if not loop.stable:
         return 0.0
-    at = _crossings(loop, lambda omega: _response(loop, omega).imag)
-    real = _response(loop, np.append(at, _ends(loop))).real
+    # A real number at the Nyquist frequency, but for rounding.
+    is_real = np.abs(loop.response.imag) < 1e-12 * np.abs(loop.response)
+    response = np.where(is_real, loop.response.real, loop.response)
+    before, after = response[:-1], response[1:]
+    # Across a pole on the axis the response is not straight.
+    near = np.abs(after - before) < np.abs(before)
+    crossing = near & (before.imag * after.imag <= 0)
+    before, after = before[crossing], after[crossing]
+    part = before.imag / np.where(before.imag == after.imag, 1.0, before.imag - after.imag)
+    real = (before + part * (after - before)).real
     # Rounding may put the response of a loop at its limit on either side of -1.
     return float(np.min(-1.0 / real[(real < 0) & (real > -1.0 - 1e-9)], initial=np.inf))
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # at a pole
 def phase_margin(loop: Any) -> float:
     """Return the phase [deg] that the loop may lose where its gain is 1 until it is unstable."""
-    if not is_stable(loop):
+    loop = open_loop(loop)
+    if not loop.stable:
         return 0.0
-    at = _crossings(loop, lambda omega: np.abs(_response(loop, omega)) - 1.0)
-    return math.degrees(np.min(np.abs(np.angle(-_response(loop, at))), initial=np.inf))
+    log = np.log(np.abs(loop.response))
+    crossing = np.flatnonzero(log[:-1] * log[1:] <= 0)
+    part = log[crossing] / (log[crossing] - log[crossing + 1])
+    angle = np.angle(-loop.response[crossing])
+    turn = np.angle(loop.response[crossing + 1] / loop.response[crossing])
+    margins = np.abs(np.angle(np.exp(1j * (angle + part * turn))))
+    return math.degrees(np.fmin.reduce(margins, initial=np.inf))
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # at a pole
 def disk_margin(loop: Any) -> float:
     """Return the symmetric disk margin alpha: gain and phase may vary at once inside its disk.
 
     The gain may then change by a factor from (2 - alpha) / (2 + alpha) to its inverse (Seiler,
     Packard and Gahinet, "An introduction to disk margins", 2020).
     """
-    if not is_stable(loop):
+    loop = open_loop(loop)
+    if not loop.stable:
         return 0.0
-
-    def inverse(omega: np.ndarray) -> np.ndarray:
-        response = _response(loop, omega)
-        return np.abs((1.0 - response) / (1.0 + response)) / 2.0
-
-    largest = _highest(loop, inverse)
-    return 1.0 / largest if largest else np.inf
+    return float(np.nanmin(2.0 * np.abs((1 + loop.response) / (1 - loop.response))))
 
 
 def max_sensitivity(loop: Any) -> float:
     """Return Ms, the largest magnitude of 1 / (1 + L): one over the distance of L to -1."""
-    if not is_stable(loop):
-        return np.inf
-    return _highest(loop, lambda omega: 1.0 / np.abs(1.0 + _response(loop, omega)))
+    loop = open_loop(loop)
+    return float(1.0 / np.abs(1.0 + loop.response).min()) if loop.stable else np.inf
 
 
 def bandwidth(loop: Any) -> float:
@@ -77,24 +101,28 @@ def bandwidth(loop: Any) -> float:
 
     Infinite where it never does.
     """
-    import control
-
-    if not is_stable(loop):
+    loop = open_loop(loop)
+    if not loop.stable:
         return 0.0
-    closed = control.feedback(loop, 1)
-    level = math.sqrt(0.5) * abs(_response(closed, np.zeros(1))[0])
-    at = _crossings(loop, lambda omega: np.abs(_response(closed, omega)) - level)
-    return float(at[0]) if len(at) else np.inf
+    closed = np.abs(1.0 - 1.0 / (1.0 + loop.response))
+    level = math.sqrt(0.5) * closed[0]
+    below = np.flatnonzero(closed < level)
+    if not len(below):
+        return np.inf
+    pair = [below[0], below[0] - 1]
+    return float(np.interp(level, closed[pair], loop.omega[pair]))
 
 
-def is_stable(loop: Any) -> bool:
-    """Tell whether the closed loop is stable.
+def open_loop(loop: Any) -> OpenLoop:
+    """Return the response of a system of python-control; an `OpenLoop` as it is.
 
     Raises:
         ConfigError: If the loop has several inputs or outputs, or is no system.
     """
     import control
 
+    if isinstance(loop, OpenLoop):
+        return loop
     if (getattr(loop, "ninputs", 0), getattr(loop, "noutputs", 0)) != (1, 1):
         raise ConfigError(
             f"loop={loop!r}: expected a system of python-control with one input and one output; "
@@ -107,18 +135,18 @@ def is_stable(loop: Any) -> bool:
         )
     poles = control.feedback(loop, 1).poles()
     inside = np.abs(poles) < 1.0 if loop.isdtime(strict=True) else poles.real < 0.0
-    return bool(inside.all())
+    stable = bool(inside.all())
+    omega = _frequencies(loop, poles) if stable else np.zeros(0)  # no figure looks at more
+    return OpenLoop(omega, _response(loop, omega), stable)
 
 
-def _frequencies(loop: Any) -> np.ndarray:
-    """Return frequencies (K,) [rad/s] that hold every corner of the open and the closed loop.
+def _frequencies(loop: Any, closed: np.ndarray) -> np.ndarray:
+    """Return 0 and frequencies [rad/s] that hold every corner of the open and the closed loop.
 
-    The gain of an open loop may be 1 far beyond its own corners; the closed loop has one there.
+    The gain of an open loop may be 1 far beyond its own corners; the closed loop, with the poles
+    `closed`, has one there.
     """
-    import control
-
-    closed = control.feedback(loop, 1)
-    roots = np.concatenate([loop.poles(), loop.zeros(), closed.poles()]).astype(complex)
+    roots = np.concatenate([loop.poles(), loop.zeros(), closed]).astype(complex)
     discrete = loop.isdtime(strict=True)
     if discrete:
         roots = np.log(roots[np.abs(roots) > 1e-9]) / loop.dt
@@ -129,16 +157,11 @@ def _frequencies(loop: Any) -> np.ndarray:
     top = np.log10(np.pi / loop.dt) if discrete else np.log10(high) + DECADES
     bottom = min(np.log10(low), top) - DECADES
     points = max(POINTS, math.ceil(PER_DECADE * (top - bottom)))
-    return beside(roots, np.logspace(bottom, top, points))
-
-
-def _ends(loop: Any) -> np.ndarray:
-    """Return the frequencies [rad/s] at which a response without a pole there is a real number."""
-    return np.array([0.0, np.pi / loop.dt] if loop.isdtime(strict=True) else [0.0])
+    return np.append(0.0, beside(roots, np.logspace(bottom, top, points)))
 
 
 def _response(loop: Any, omega: np.ndarray) -> np.ndarray:
-    """Return the response (K,) of a system at frequencies [rad/s], complex."""
+    """Return the response (K,) of a system at frequencies [rad/s], complex; infinite at a pole."""
     import control
 
     at = np.exp(1j * omega * loop.dt) if loop.isdtime(strict=True) else 1j * omega
@@ -147,7 +170,8 @@ def _response(loop: Any, omega: np.ndarray) -> np.ndarray:
         with suppress(np.linalg.LinAlgError):  # at a pole
             states = np.linalg.solve(at[:, None, None] * np.eye(loop.nstates) - loop.A, loop.B)
             return np.asarray((loop.C @ states)[:, 0, 0] + loop.D[0, 0])
-    return np.asarray(loop(at, warn_infinite=False)).reshape(-1)
+    found = np.asarray(loop(at, warn_infinite=False)).reshape(-1)
+    return np.where(np.isfinite(found), found, np.inf)
 
 
 def beside(roots: np.ndarray, omega: np.ndarray) -> np.ndarray:
@@ -168,41 +192,3 @@ def beside(roots: np.ndarray, omega: np.ndarray) -> np.ndarray:
         found += [root.imag - offset, root.imag + offset]
     every = np.unique(np.concatenate(found))
     return every[(every >= omega[0]) & (every <= omega[-1])]
-
-
-@np.errstate(divide="ignore", invalid="ignore")  # at a pole on the axis
-def _highest(loop: Any, figure: Figure) -> float:
-    """Return the largest value of a figure: on the loop's grid, refined between the neighbours."""
-    omega = _frequencies(loop)
-    values = figure(omega)
-    for _ in range(REFINEMENTS):
-        k = int(np.nanargmax(values))
-        omega = np.linspace(omega[max(k - 1, 0)], omega[min(k + 1, len(omega) - 1)], REFINED)
-        values = figure(omega)
-    return float(np.nanmax(values))
-
-
-REFINEMENTS, REFINED = 3, 41
-"""How often the neighbourhood of a peak is looked at more closely, and at how many points."""
-
-
-@np.errstate(divide="ignore", invalid="ignore")  # at a pole on the axis
-def _crossings(loop: Any, figure: Figure) -> np.ndarray:
-    """Return the frequencies (N,) [rad/s] at which a figure changes its sign.
-
-    One change between two points of the loop's grid is found.
-    """
-    omega = _frequencies(loop)
-    values = figure(omega)
-    omega, signs = omega[np.isfinite(values)], np.sign(values[np.isfinite(values)])
-    at = np.flatnonzero(signs[:-1] != signs[1:])
-    before, after, sign = omega[at], omega[at + 1], signs[at]
-    for _ in range(HALVINGS if len(at) else 0):
-        middle = 0.5 * (before + after)
-        same = np.sign(figure(middle)) == sign
-        before, after = np.where(same, middle, before), np.where(same, after, middle)
-    return before
-
-
-HALVINGS = 50
-"""Of the interval around a crossing: as many as a double has bits."""

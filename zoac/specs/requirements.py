@@ -16,7 +16,7 @@ from zoac.core.types import is_number
 from zoac.specs import loops, step_info
 from zoac.specs.spec import Loop, Spec
 
-LIMITS = ("max", "min", "over", "weight", "window", "unit")
+LIMITS = ("max", "min", "over", "weight", "window")
 """What every requirement takes beside its own arguments."""
 
 

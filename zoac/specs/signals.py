@@ -79,11 +79,6 @@ INFO, INFO_BEFORE = "info:", "info before:"
 """What the diagnostics of a segment call a number of `info` after and before each step."""
 
 
-def diagnostic(name: str, unit: str = "") -> Signal:
-    """Return the signal of a number that the controller reports at each step, by its name."""
-    return Signal(f"diagnostic({name!r})", lambda s: s.diagnostics[name], unit)
-
-
 def constant(value: float, unit: str = "") -> Signal:
     """Return a signal that does not change, such as a set-point."""
     number = float(value)

@@ -18,12 +18,6 @@ if TYPE_CHECKING:
 TIME = "time"
 """The column that tells the time [s]."""
 
-SIGNALS = ("y", "r", "u")
-"""Arguments of a requirement that are names of signals."""
-
-EXAMPLE = "such as {name: overshoot, signals: [y, r], max: 0.05}"
-"""How a file holds a spec."""
-
 LIMITS = ("max", "min", "weight", "window")
 
 
@@ -31,7 +25,7 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
     """Return signals of a table with a column `time` [s] and one for each signal.
 
     Args:
-        trace: The table, a row for each sample; its time may also be of dates or durations.
+        trace: The table, a row for each sample.
         signals: Names of the columns that are needed.
     """
     if not hasattr(trace, "columns"):
@@ -45,8 +39,13 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
             raise ConfigError(f"the trace has no column {name!r}; {suggest(name, trace.columns)}")
         if trace[name].ndim > 1:
             raise ConfigError(f"the trace has several columns {name!r}; expected one")
+        if trace[name].dtype.kind in "mM":  # NumPy would make microseconds of them
+            raise ConfigError(
+                f"the trace's column {name!r} holds dates or durations, expected numbers, the "
+                "time in seconds; (t - t[0]).dt.total_seconds() makes them of dates"
+            )
         try:
-            values[name] = _numbers(trace[name], clock=name == TIME)
+            values[name] = trace[name].to_numpy(np.float64)
         except (TypeError, ValueError):
             raise ConfigError(f"the trace's column {name!r} holds what is no number") from None
         if not np.isfinite(values[name]).all():
@@ -55,20 +54,6 @@ def episode_of(trace: pd.DataFrame, signals: Sequence[str]) -> Episode:
     if len(time) < 2 or not (np.diff(time) > 0).all():
         raise ConfigError("the time of the trace does not increase from row to row")
     return Episode(time - time[0], values)
-
-
-def _numbers(column: pd.Series, clock: bool) -> np.ndarray:
-    """Return a column as numbers; of a clock, dates and durations as seconds.
-
-    Elsewhere they raise a TypeError: as numbers they would be nanoseconds, or microseconds.
-    """
-    if clock and column.dtype.kind == "M":
-        column = column - column.iloc[:1].min()
-    if clock and column.dtype.kind == "m":
-        column = column.dt.total_seconds()
-    if column.dtype.kind in "mM":
-        raise TypeError(f"{column.dtype} is no number")
-    return column.to_numpy(np.float64)
 
 
 def judged(
@@ -99,35 +84,25 @@ def judged(
 
 
 def as_plain(spec: Spec) -> dict[str, Any]:
-    """Return a spec as JSON can hold it; refuse a figure that is none of `zoac.specs`."""
+    """Return a spec as JSON can hold it.
+
+    Raises:
+        ConfigError: If its figure is none of `zoac.specs`, or it is over several episodes.
+    """
     if spec.figure is not getattr(step_info, spec.name, None):
         raise ConfigError(
             f"{spec}: a study judges signals by figures of zoac.specs, and cannot keep a function "
             "of yours; use such a figure, or give the cost yourself"
         )
+    if spec.over is not None:
+        raise ConfigError(f"{spec}: a study has no use for 'over'; leave it out")
     limits = {name: limit for name in LIMITS if (limit := getattr(spec, name)) is not None}
     return {"name": spec.name, "signals": list(spec.signals), **spec.options, **limits}
 
 
 def from_plain(given: Mapping[str, Any]) -> Spec:
-    """Return the spec that `as_plain` wrote, or that a file holds likewise."""
-    if not (isinstance(given, Mapping) and {"name", "signals"} <= given.keys()):
-        raise ConfigError(f"{given!r} is no spec; expected a name and signals, {EXAMPLE}")
-    options = {str(key): value for key, value in given.items()}
-    name, signals = options.pop("name"), options.pop("signals")
-    known = {k: v for k, v in vars(requirements).items() if k[0] != "_" and hasattr(step_info, k)}
-    if str(name) not in known:
-        raise ConfigError(f"unknown spec {name!r}; {suggest(str(name), known)}")
-    for key in ("over", "unit"):
-        if key in options:
-            raise ConfigError(f"spec {name!r}: a study has no use for {key!r}; leave it out")
-    make = known[name]
-    takes = [n for n in requirements.own_arguments(make) if n in SIGNALS]
-    listed = isinstance(signals, list) and all(isinstance(signal, str) for signal in signals)
-    if not listed or not 1 <= len(signals) <= len(takes):
-        raise ConfigError(
-            f"spec {name!r}: signals={signals!r}, expected a list of the columns that are "
-            f"{', '.join(takes)}; {EXAMPLE}"
-        )
-    spec: Spec = make(**{**dict(zip(takes, signals, strict=False)), **options})
+    """Return the spec that `as_plain` wrote."""
+    options = dict(given)
+    make, signals = getattr(requirements, options.pop("name")), options.pop("signals")
+    spec: Spec = make(*signals, **options)
     return spec

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import sys
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,12 +16,12 @@ from omegaconf import OmegaConf
 from zoac.core.errors import ConfigError, StudyError, StudyFinished, TrialsPending, ZoacError
 from zoac.runs.schema import RUN, plain
 from zoac.specs.spec import Spec
-from zoac.specs.trace import from_plain
 from zoac.study.carry_out import carry_out
 from zoac.study.dialogue import carry_out_by_hand
 from zoac.study.program import program
 from zoac.study.state.trial import Trial
 from zoac.study.study import Study
+from zoac.tasks.user_specs import specs_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,7 +42,7 @@ exit status:
 def command(arguments: Sequence[str]) -> int:
     """Run one command; return its exit status."""
     try:
-        options = _parser().parse_args(_with_equals(arguments))
+        options = _parser().parse_args(arguments)
         found = options.run(options)
     except TrialsPending as error:
         return _say(error, WAITS)
@@ -61,15 +60,6 @@ def command(arguments: Sequence[str]) -> int:
 def _say(what: object, status: int) -> int:
     print(what, file=sys.stderr)
     return status
-
-
-def _with_equals(arguments: Sequence[str]) -> list[str]:
-    """Return arguments in which `--cost -1e-3` is one: argparse would see an option in it."""
-    joined = list(arguments)
-    if "--cost" in joined[:-1]:
-        at = joined.index("--cost")
-        joined[at : at + 2] = [f"--cost={joined[at + 1]}"]
-    return joined
 
 
 AS_IN_PYTHON = (
@@ -108,8 +98,8 @@ def _yaml(path: str, kind: type, expected: str) -> Any:
     return content
 
 
-def _specs(path: str | None) -> list[Spec]:
-    return [from_plain(entry) for entry in _yaml(path, list, "a list of specs")] if path else []
+def _specs(path: str | None) -> tuple[Spec, ...]:
+    return specs_of(_yaml(path, list, "a list of specs")) if path else ()
 
 
 def _mapping(path: str | None) -> dict[str, Any] | None:
@@ -154,27 +144,12 @@ def _table(path: str) -> pd.DataFrame:
     import pandas as pd
 
     try:
-        with open(path, encoding="utf-8", newline="") as file:
-            columns = _columns(path, file)
-        # Some loggers end each row with a comma, from which pandas would make an index.
-        return pd.read_csv(path, index_col=False, usecols=range(columns))
-    except (OSError, ValueError, csv.Error) as error:  # of the parser too
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # values beyond the columns
+            # Some loggers end each row with a comma, from which pandas would make an index.
+            return pd.read_csv(path, index_col=False)
+    except (OSError, ValueError, pd.errors.ParserWarning) as error:
         raise ConfigError(f"{path}: cannot be read as a table: {error}") from None
-
-
-def _columns(path: str, lines: Iterable[str]) -> int:
-    """Return how many columns the first line names; refuse a row that has values beyond them."""
-    reader = csv.reader(lines)
-    names = next((row for row in reader if row), [])
-    if twice := [name for name, count in Counter(names).items() if name and count > 1]:
-        raise ConfigError(f"{path}: several columns are called {twice[0]!r}; expected one")
-    for row in reader:
-        if any(map(str.strip, row[len(names) :])):
-            raise ConfigError(
-                f"{path}: line {reader.line_num} has {len(row)} values, and the first line names "
-                f"{len(names)} columns: {', '.join(names)}"
-            )
-    return len(names)
 
 
 TOLD = ("number", "state", "parameters", "cost", "reason", "metrics", "constraints")
@@ -238,7 +213,7 @@ def _parser() -> argparse.ArgumentParser:
                         help="do not make the baseline the first experiment")  # fmt: skip
     create.add_argument("--limit", action="append", metavar="NAME=NUMBER", help="of a constraint")
     create.add_argument("--specs", metavar="YAML", help="file with a list of specs, such as "
-                        "`- {name: overshoot, signals: [y, r], max: 0.05}`")  # fmt: skip
+                        "`- overshoot: {y: y, r: r, max: 0.05}`")  # fmt: skip
     create.add_argument("--acceptance-test", type=float, metavar="FRACTION",
                         help="of the experiments, to compare answer and baseline")  # fmt: skip
     create.add_argument("--trial-timeout", type=float, metavar="SECONDS",
@@ -249,7 +224,7 @@ def _parser() -> argparse.ArgumentParser:
                      help="for results that the next experiment depends on")  # fmt: skip
     tell = add("tell", _tell, "tell the result of an experiment")
     tell.add_argument("number", type=int)
-    tell.add_argument("--cost", type=float)
+    tell.add_argument("--cost", type=float, help="with = before a number such as -1e-3")
     tell.add_argument("--failed", metavar="WHY")
     tell.add_argument("--trace", metavar="CSV", help="judged by the study's specs")
     for kind in ("metric", "constraint"):

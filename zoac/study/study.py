@@ -223,7 +223,7 @@ class Study:
         Raises:
             StudyError: If the next is wanted before the last has a result.
         """
-        return experiments_left(self)
+        return experiments_left(self.folder, self.settings.workers, lambda: self.pending, self.ask)
 
     def trial(self, number: int) -> Trial:
         """Return a trial as it is now; a `StudyError` if there is none of this number."""

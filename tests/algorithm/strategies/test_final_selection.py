@@ -129,6 +129,12 @@ def test_a_small_fraction_is_raised_to_an_episode_of_two_candidates():
     assert sum(s.length for batch in batches for s in batch) <= 100
 
 
+def test_a_budget_for_no_choice_is_spent_to_its_end_by_the_search():
+    problem = Problem(CountingTask.space, 3, 4, 20, 7, 0)  # episodes of 7, and a choice takes 14
+    batches = drive(FinalSelection(problem, lambda _: Wanderer(PATH)))
+    assert [s.length for batch in batches for s in batch] == [7, 7, 7]
+
+
 def test_a_budget_for_no_choice_is_refused_with_what_is_needed():
     with pytest.raises(ConfigError, match="may take 14 steps.* is 13; give a budget of 70"):
         make(budget=65)

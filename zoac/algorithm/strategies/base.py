@@ -145,7 +145,9 @@ class ReservedSteps(TunerStrategy):
         """Return what the tuner asks, while that is sure to leave the reserved steps."""
         if self._searching:
             proposals = super().ask() if self._steps < self._search_steps else []
-            if proposals and self._steps + self._max_steps(proposals) <= self._search_steps:
+            reserves = self._search_steps < self._problem.budget
+            fits = self._steps + self._max_steps(proposals) <= self._search_steps
+            if proposals and (fits or not reserves):
                 return proposals
             self._leave_search()
         return self._ask_after()

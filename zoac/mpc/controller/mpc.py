@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -43,9 +43,6 @@ class Mpc:
     by sequential quadratic programmes (`zoac.mpc.sqp`), and returns the first input.
     """
 
-    undamped: ClassVar[int] = 10
-    """Linearisations after which plans are averaged; see `SequentialQp`."""
-
     def __init__(
         self,
         model: Any,
@@ -64,6 +61,7 @@ class Mpc:
         initial_input: Mapping[str, float] | None = None,
         linearisations: int | Literal["converged"] = 3,
         initial_guess: About = "zero",
+        undamped: int = 10,
         solver: str | Solver = "clarabel",
     ) -> None:
         """
@@ -96,6 +94,7 @@ class Mpc:
                 `zoac.mpc.sqp.MpcOptions`.
             initial_guess: Likewise: "zero" (the inputs' reference, else 0, clipped), or "shifted",
                 last step's plan (real-time iteration with `linearisations=1`).
+            undamped: Linearisations after which plans are averaged; see `SequentialQp` there.
             solver: "clarabel", "cvxpy" (slow, plain), "riccati" (fastest, no bounds on states,
                 rates or tuned bounds), or a `zoac.mpc.problem.Solver`.
 
@@ -104,6 +103,7 @@ class Mpc:
         """
         self._given = {k: v for k, v in locals().items() if k not in ("self", "model", "__class__")}
         self.model = model
+        self.undamped = undamped
         self.options = MpcOptions(horizon, linearisations, initial_guess)
         self.numbers = numbers = Numbers()
         for name, value in model.parameters.items():

@@ -243,7 +243,10 @@ def _plain(dynamics: Dynamics) -> tuple[Callable[..., None], Callable[..., np.nd
 
 
 def _compiled(dynamics: Dynamics) -> tuple[Callable[..., None], Callable[..., np.ndarray]]:
-    """Return the functions of `_plain`, compiled by numba, point by point."""
+    """Return the functions of `_plain`, compiled by numba, point by point.
+
+    Numbers are copied one by one: of arrays, numba also compiles what is said if shapes differ.
+    """
     import numba
 
     compiled = numba.njit(error_model="numpy")
@@ -254,7 +257,9 @@ def _compiled(dynamics: Dynamics) -> tuple[Callable[..., None], Callable[..., np
         for row in range(len(inputs)):
             for k in range(inputs.shape[1]):
                 x, u = states[row, k].copy(), inputs[row, k].copy()
-                states[row, k + 1] = advance(x, u, theta[row])
+                after = advance(x, u, theta[row])
+                for i in range(nx):
+                    states[row, k + 1, i] = after[i]
 
     @compiled
     def several(theta: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -262,7 +267,9 @@ def _compiled(dynamics: Dynamics) -> tuple[Callable[..., None], Callable[..., np
         for row in range(len(points)):
             for j in range(points.shape[2]):
                 x, u = points[row, :nx, j].copy(), points[row, nx:, j].copy()
-                after[row, :, j] = advance(x, u, theta[row])
+                moved = advance(x, u, theta[row])
+                for i in range(nx):
+                    after[row, i, j] = moved[i]
         return after
 
     return roll_out, several

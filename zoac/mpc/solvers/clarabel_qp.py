@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from zoac.core.types import Count, Fraction
-from zoac.mpc.formulation import Layout, build_problem
+from zoac.mpc.formulation import CANON_BACKEND, Layout, build_problem
 from zoac.mpc.problem import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.certificate import certified
 from zoac.mpc.solvers.parameters import write_parameters
@@ -136,7 +136,9 @@ class _CanonicalForm:
         parameters = formulation.parameters
         for parameter in parameters.values():
             parameter.value = np.ones(parameter.size)
-        data, _, _ = formulation.problem.get_problem_data(cp.CLARABEL, solver_opts={})
+        data, _, _ = formulation.problem.get_problem_data(
+            cp.CLARABEL, canon_backend=CANON_BACKEND, solver_opts={}
+        )
         program = data["param_prob"]
         column = program.param_id_to_col
         self._starts = {name: column[parameter.id] for name, parameter in parameters.items()}

@@ -7,7 +7,7 @@ import cvxpy as cp
 import numpy as np
 
 from zoac.core.types import Count, Fraction
-from zoac.mpc.formulation import Formulation, Layout, build_problem
+from zoac.mpc.formulation import CANON_BACKEND, Formulation, Layout, build_problem
 from zoac.mpc.problem import LinearisedProblem, Solution, Status
 from zoac.mpc.solvers.certificate import certified
 from zoac.mpc.solvers.parameters import write_parameters
@@ -90,6 +90,7 @@ class CvxpySolver:
             try:
                 problem.solve(
                     solver=cp.CLARABEL,
+                    canon_backend=CANON_BACKEND,
                     # A warm start would keep the solver, and with it the last problem's scaling.
                     warm_start=False,
                     max_iter=self.max_iterations * (10 if robust else 1),

@@ -6,7 +6,6 @@ from typing import ClassVar
 import numpy as np
 
 from zoac.core.errors import ConfigError
-from zoac.core.types import Count
 from zoac.mpc.problem import LinearisedProblem, Solution, Sparsity
 from zoac.mpc.riccati import Pattern, pattern, solve_about
 
@@ -28,19 +27,6 @@ class Riccati:
     screens: ClassVar[bool] = True
     bounds_states: ClassVar[bool] = False
 
-    def __init__(
-        self,
-        sweeps: Count = 6,
-        max_active_set_steps: Count = 1000,
-    ) -> None:
-        """
-        Args:
-            sweeps: Clipped sweeps tried before the interior-point method takes over.
-            max_active_set_steps: Limit of the active-set method that ends the solve.
-        """
-        self.sweeps = sweeps
-        self.max_active_set_steps = max_active_set_steps
-
     def solve(self, problem: LinearisedProblem, robust: bool = False) -> Solution:
         """Solve the n problems; see `zoac.mpc.riccati.solve_about` for what is promised.
 
@@ -56,8 +42,6 @@ class Riccati:
                 *(*problem.data, *problem.box),
                 nonzero=None if problem.sparsity is None else _pattern(problem.sparsity),
                 robust=robust,
-                sweeps=self.sweeps,
-                max_active_set_steps=self.max_active_set_steps,
             )
         except ValueError as error:
             raise ConfigError(str(error)) from None

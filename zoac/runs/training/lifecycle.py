@@ -18,6 +18,7 @@ from zoac.config.auto_tuner import Choice, settled
 from zoac.config.files import AUTO
 from zoac.core.errors import CallbackError, Interrupted, RunFolderError
 from zoac.core.tuner import Tuner
+from zoac.rollout.horizon import horizon_of
 from zoac.rollout.task import Task
 from zoac.runs import provenance, schema
 from zoac.runs.log import RunLog
@@ -227,7 +228,7 @@ def _run_record(run: Run) -> dict[str, Any]:
         "config_hash": schema.config_hash(run.config),
         "command": list(run.command),
         "objective": task.objective,
-        "episodes": task.horizon.remark,
+        "episodes": horizon_of(task).remark,
         "tuner_choices": {
             **({AUTO: str(run.chosen)} if run.chosen else {}),
             **run.tuner.describe(),

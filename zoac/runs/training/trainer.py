@@ -105,12 +105,13 @@ class Trainer:
         progress.iteration += 1
         progress.env_steps += sum(s.length for s in segments)
         failure = progress.account(segments)
+        strict = self._task.strict
         seen = [
             replace(
                 s,
                 costs=self._task.tuning_costs(s),
                 reported_costs=s.costs,
-                violation=self._task.tuning_violation(s),
+                violation=(strict.judged(s) if strict else s).violation,
             )
             for s in segments
         ]
