@@ -63,7 +63,7 @@ for kind in ("wheel", "editable"):
 
 @pytest.fixture(scope="module")
 def built(clone):
-    """The wheels that pip has setuptools make: that of `pip install`, and that with `--editable`."""
+    """The wheels that setuptools makes for pip, without and with `--editable`."""
     done = run(sys.executable, "-c", BUILD, cwd=clone)
     assert done.returncode == 0, done.stderr
     kinds = ("wheel", "editable")
