@@ -103,6 +103,8 @@ if __name__ == "__main__":
         carry_out(kind, named)
         status.append(0)
     except SystemExit as error:
-        if isinstance(error.code, int):
-            status.append(error.code)
+        status.append(error.code if isinstance(error.code, int) else int(error.code is not None))
+        raise
+    except Exception:
+        status.append(1)
         raise
