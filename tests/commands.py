@@ -21,16 +21,20 @@ from tests import prepared
 
 
 class Started:
-    """A process like `subprocess.Popen`'s whose output goes to files."""
+    """A process like `subprocess.Popen`'s whose output goes to files.
 
-    def __init__(self, *arguments, cwd, env=None):
+    `session`: whether it leads a session of its own, as what a terminal starts.
+    """
+
+    def __init__(self, *arguments, cwd, env=None, session=False):
         server, folder = _server()
         self.args, self.returncode = [sys.executable, *map(str, arguments)], None
         self._output = Path(tempfile.mkdtemp(dir=folder))
         for name in prepared.OUTPUTS:
             (self._output / name).touch()
         order = {"arguments": self.args[1:], "cwd": str(cwd), "output": str(self._output),
-                 "environment": dict(os.environ if env is None else env)}  # fmt: skip
+                 "environment": dict(os.environ if env is None else env),
+                 "session": session}  # fmt: skip
         server.stdin.write(json.dumps(order) + "\n")
         server.stdin.flush()
         self.pid = int(server.stdout.readline())

@@ -1,11 +1,13 @@
 """A Python process that has imported the libraries and forks a process for each command.
 
 It reads an order from each line of its standard input: what follows `python` on the command line,
-the folder, the environment, and a folder for the output. It answers with the new process's number;
-the files `stdout`, `stderr` and, at the end, `code` appear in the folder for the output. None of
-zoac is imported here, and a command ends as Python ends: by the end of this module.
+the folder, the environment, a folder for the output, and whether to lead a session. It answers with
+the new process's number; the files `stdout`, `stderr` and, at the end, `code` appear in the folder
+for the output. None of zoac is imported here. A command ends as Python ends, by the end of this
+module, but for the last step: nothing is taken apart.
 """
 
+import atexit
 import gc
 import importlib
 import json
@@ -52,6 +54,8 @@ def become(order: dict) -> list[str]:
         file = os.open(path, write if number else os.O_RDONLY)
         os.dup2(file, number)
         os.close(file)
+    if order["session"]:
+        os.setsid()
     gc.enable()
     os.environ.clear()
     os.environ.update(order["environment"])
@@ -65,9 +69,29 @@ def become(order: dict) -> list[str]:
     return order["arguments"]
 
 
+def carry_out(kind: str, named: str) -> None:
+    """Run what `python -m` or `python -c` would run."""
+    if kind == "-m":
+        runpy.run_module(named, run_name="__main__", alter_sys=True)
+    else:
+        sys.argv[0] = "-c"
+        main = sys.modules["__main__"] = types.ModuleType("__main__")
+        exec(compile(named, "<string>", "exec"), vars(main))
+
+
+def end(status: list[int]) -> None:
+    """End this process if its exit status is known; Python needs a third of a second for that."""
+    if status:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status[0])
+
+
 OUTPUTS = ("stdout", "stderr")
 if __name__ == "__main__":
     del sys.path[0]  # this folder, which has a `packaging` too
+    status: list[int] = []
+    atexit.register(end, status)  # the first one registered is the last one called
     for library in LIBRARIES:
         with suppress(ImportError):
             importlib.import_module(library)
@@ -75,9 +99,12 @@ if __name__ == "__main__":
     gc.collect()
     gc.freeze()  # otherwise each process copies all of it only to end
     kind, named, *sys.argv[1:] = become(forked())
-    if kind == "-m":
-        runpy.run_module(named, run_name="__main__", alter_sys=True)
-    else:
-        sys.argv[0] = "-c"
-        main = sys.modules["__main__"] = types.ModuleType("__main__")
-        exec(compile(named, "<string>", "exec"), vars(main))
+    try:
+        carry_out(kind, named)
+        status.append(0)
+    except SystemExit as error:
+        status.append(error.code if isinstance(error.code, int) else int(error.code is not None))
+        raise
+    except Exception:
+        status.append(1)
+        raise

@@ -30,7 +30,7 @@ def test_it_runs_and_prints_what_it_found(path, monkeypatch, tmp_path, capsys):
     def short(**options):
         options["budget"] = min(options.get("budget", 240), 480)
         options["max_episode_steps"] = min(options.get("max_episode_steps") or 20, 20)
-        return tune(**{**quick, **options})
+        return tune(**{**options, **quick})
 
     monkeypatch.setattr(zoac, "tune", short)
     runpy.run_path(str(path), run_name="__main__")

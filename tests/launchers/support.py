@@ -1,19 +1,39 @@
 """Sweeps as a user types them."""
 
 import json
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 from tests import commands
 from zoac.core.measures import CLOCKS
+from zoac.runs.training import lifeline
+from zoac.tasks.lqr.task import Lqr, StateFeedback
 
 ROOT = Path(__file__).parents[2]
 SMALL = [
     "task=lqr", "tuner=random", "budget=400", "eval_every=400", "evaluation.episodes=2",
     "evaluation.final_episodes=3", "task.max_episode_steps=50", "variant=small",
 ]  # fmt: skip
+WAITING = ["task._target_=tests.launchers.support.WaitingLqr", "checkpoint_seconds=0"]
+
+
+class Waiting(StateFeedback):
+    """Stops in an early iteration until there is the file `go`, or its sweep has ended."""
+
+    calls = 0
+
+    def act(self, params, obs, memory):
+        self.calls += 1
+        while self.calls > 200 and not (Path.home() / "go").exists() and not lifeline.is_cut():
+            time.sleep(0.01)
+        return super().act(params, obs, memory)
+
+
+class WaitingLqr(Lqr):
+    """A job of it is still at work when it is told to stop, however few steps it has."""
+
+    def make_controller(self):
+        return Waiting()
 
 
 def environment(home):
@@ -28,16 +48,13 @@ def alone(*arguments, cwd):
 
 def start(*arguments, cwd):
     """Start a command line without waiting, in a session of its own, as a terminal does."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "zoac.run", *arguments], cwd=cwd, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        env=environment(cwd), start_new_session=True,
-    )  # fmt: skip
+    words = ["-m", "zoac.run", *arguments]
+    return commands.Started(*words, cwd=cwd, env=environment(cwd), session=True)
 
 
 def finish(process):
     """Return exit code, standard output and standard error."""
-    out, err = process.communicate(timeout=300)
+    out, err = process.communicate()
     return process.returncode, out, err
 
 

@@ -1,6 +1,7 @@
 """The search for a tuner's options."""
 
 import errno
+import functools
 import json
 import pickle
 import shutil
@@ -14,12 +15,14 @@ import pytest
 
 from tests import commands
 from tests.support import Traps, with_a_trap
+from zoac.config.compose import compose_config
 from zoac.core.errors import ConfigError, ControllerError
 from zoac.runs import checkpoint
 from zoac.runs.training import identity
 
 optuna = pytest.importorskip("optuna", reason="pip install 'zoac[search]'")
 
+from zoac.search import search as module  # noqa: E402
 from zoac.search.__main__ import main, split  # noqa: E402
 from zoac.search.ranges import distributions  # noqa: E402
 from zoac.search.search import Search, origin  # noqa: E402
@@ -32,6 +35,17 @@ OPTIONS = {
     "name": None, "storage": None,
 }  # fmt: skip
 RUNS = ["task=pid_acc", "tuner=zoac", "num_envs=2"]
+
+
+@functools.cache
+def composed(*overrides):
+    return compose_config(overrides)
+
+
+@pytest.fixture(autouse=True)
+def each_configuration_is_composed_once(monkeypatch):
+    """It takes a tenth of a second, and nearly all searches here are of the same one."""
+    monkeypatch.setattr(module, "compose_config", lambda overrides: composed(*overrides))
 
 
 class Cheap(Search):
@@ -224,7 +238,7 @@ def test_the_search_is_called_like_the_tuner_unless_told():
 
 
 COMMAND = [
-    "task=pid_acc", "tuner=es", "search=zoac", "~search.ranges.tuner", "search.seeds=[5]",
+    "task=lqr", "tuner=es", "search=zoac", "~search.ranges.tuner", "search.seeds=[5]",
     "+search.ranges.tuner.sigma.low=0.02", "+search.ranges.tuner.sigma.high=0.4",
     "search.trials=2", "eval_every=10000000", "evaluation.episodes=1", "checkpoint_seconds=0",
     "evaluation.final_episodes=2", "task.max_episode_steps=50", "num_envs=2",
@@ -240,11 +254,9 @@ def start(*arguments, cwd):
 
 def outcome(folder):
     where = optuna.storages.journal.JournalFileBackend(
-        str(folder / "searches" / "pid_acc-es" / "study.journal")
+        str(folder / "searches" / "lqr-es" / "study.journal")
     )
-    study = optuna.load_study(
-        study_name="pid_acc-es", storage=optuna.storages.JournalStorage(where)
-    )
+    study = optuna.load_study(study_name="lqr-es", storage=optuna.storages.JournalStorage(where))
     done = [t for t in study.get_trials() if t.value is not None]
     return sorted((origin(t), t.params, t.value) for t in done)
 

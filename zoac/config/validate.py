@@ -4,6 +4,7 @@ A constructor's type hints, with bounds as `Annotated[float, Field(gt=0)]`, are 
 YAML file: there is no second list to keep in step, and a user's own class is checked alike.
 """
 
+import functools
 import importlib
 import inspect
 import math
@@ -154,11 +155,9 @@ def _faults(value: Any, hint: Any, where: str) -> list[str]:
     if isinstance(value, int) and not (isinstance(value, bool) or is_number(value)):
         return [f"{where}={_short(value)}: larger than any float; expected a finite number"]
     try:
-        adapter = TypeAdapter(hint, config=_CHECKED)
-    except PydanticSchemaGenerationError:
-        adapter = TypeAdapter(Any)
-    except PydanticUserError:  # types that bring their own configuration take none
-        adapter = TypeAdapter(hint)
+        adapter = _adapter(hint)
+    except TypeError:  # it cannot be hashed
+        adapter = _adapter.__wrapped__(hint)
     try:
         adapter.validate_python(value, strict=True)
     except ValidationError as error:
@@ -176,6 +175,17 @@ def _faults(value: Any, hint: Any, where: str) -> list[str]:
         for place, part in {where: value, **parts}.items()
         if isinstance(part, float) and not math.isfinite(part)
     ]
+
+
+@functools.cache
+def _adapter(hint: Any) -> TypeAdapter[Any]:
+    """Return what checks values against a hint; to make it takes longer than to check with it."""
+    try:
+        return TypeAdapter(hint, config=_CHECKED)
+    except PydanticSchemaGenerationError:
+        return TypeAdapter(Any)
+    except PydanticUserError:  # types that bring their own configuration take none
+        return TypeAdapter(hint)
 
 
 _CHECKED = ConfigDict(arbitrary_types_allowed=True, allow_inf_nan=False)

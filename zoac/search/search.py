@@ -89,7 +89,6 @@ class Search:
 
     def _open(self) -> Any:
         from optuna.storages.journal import JournalFileBackend
-        from sqlalchemy.exc import SQLAlchemyError
 
         where: Any = self.storage
         if where is None:
@@ -101,9 +100,7 @@ class Search:
             return self._optuna.create_study(
                 study_name=self._name, storage=where, load_if_exists=True, pruner=pruner
             )
-        except (
-            ImportError, OSError, ValueError, SQLAlchemyError, self._optuna.exceptions.OptunaError
-        ) as error:  # fmt: skip
+        except _faults_of_a_storage() as error:
             what = str(error).partition("\n")[0]  # SQLAlchemy's advice for programmers left out
             raise ConfigError(
                 f"search.storage={self.storage!r}: {what}; expected the URL of a database, such as "
@@ -231,6 +228,14 @@ class Search:
             f"over {len(self.seeds)} seeds (trial {origin(first)}: {first.value:.4g})\n"
             f"  {' '.join(as_overrides(best.params))}"
         )
+
+
+def _faults_of_a_storage() -> tuple[type[Exception], ...]:
+    """Return what Optuna raises of a storage; asked for after a fault, since the import is slow."""
+    from optuna.exceptions import OptunaError
+    from sqlalchemy.exc import SQLAlchemyError
+
+    return ImportError, OSError, ValueError, SQLAlchemyError, OptunaError
 
 
 def as_overrides(params: Mapping[str, Any]) -> list[str]:
