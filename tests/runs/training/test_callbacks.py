@@ -13,8 +13,8 @@ from zoac.runs import checkpoint
 
 
 def tune(**options):
-    """Iterations of 40 steps."""
-    return tune_briefly(**{"tuner": "random", "budget": 600, **options})
+    """Iterations of 40 steps, and an evaluation after every four."""
+    return tune_briefly(**{"tuner": "random", "budget": 600, "eval_every": 160, **options})
 
 
 @pytest.fixture(scope="module")
