@@ -25,7 +25,6 @@ class EvolutionStrategy(EpisodeTuner):
         population: Count = 20,
         sigma: Positive = 0.1,
         step_size: Positive = 0.05,
-        standardise_costs: bool = True,
         recommendation: Literal["mean", "best_seen", "reevaluated"] = "mean",
         **options: Any,
     ) -> None:
@@ -35,8 +34,6 @@ class EvolutionStrategy(EpisodeTuner):
             population: Episodes per gradient step, n of eq. (2).
             sigma: Standard deviation of the search distribution, in normalised coordinates.
             step_size: Step size of Adam.
-            standardise_costs: Subtract the population's mean cost and divide by its standard
-                deviation before eq. (2).
             recommendation: "mean" of the search distribution; others: see `EpisodeTuner`.
             options: Of `EpisodeTuner`; the first mean is `start`.
         """
@@ -44,7 +41,6 @@ class EvolutionStrategy(EpisodeTuner):
         self._population = population
         self._sigma = sigma
         self._step_size = step_size
-        self._standardise = standardise_costs
         self._theta = self._first
         self._adam = START
         self._noise = np.empty((0, len(self._theta)))
@@ -54,9 +50,7 @@ class EvolutionStrategy(EpisodeTuner):
         return list(self._theta + self._sigma * self._noise)
 
     def _learn(self, outcomes: Outcomes) -> dict[str, float]:
-        costs = self._costs.prices(outcomes)
-        if self._standardise:
-            costs = standardised_costs(costs)
+        costs = standardised_costs(self._costs.prices(outcomes))
         gradient = zeroth_order_gradient(costs, self._noise, self._sigma)
         # Outside the box the noise is clipped, so no gradient would return the mean to the box.
         theta, self._adam = descend(self._theta, self._adam, gradient, self._step_size)
@@ -72,7 +66,6 @@ class EvolutionStrategy(EpisodeTuner):
             "population": self._population,
             "initial_sigma": self._sigma,
             "step_size": self._step_size,
-            "standardise_costs": self._standardise,
             **super().describe(),
         }
 

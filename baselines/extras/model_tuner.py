@@ -1,7 +1,7 @@
 """Base class of tuners whose library is given the whole history before each batch."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -50,7 +50,6 @@ class ModelTuner(EpisodeTuner):
         """
         super().__init__(problem, recommendation=recommendation, **options)
         self._initial_design, self._max_observations = initial_design, max_observations
-        self._scores: Callable[[np.ndarray], np.ndarray] = normal_scores
         self._points = np.empty((0, problem.space.dimension))
         self._seen = Outcomes.none()
         self._asked = self._points
@@ -75,7 +74,7 @@ class ModelTuner(EpisodeTuner):
             kept = kept_observations(-costs, self._max_observations)
             seed = int(self._rng.integers(2**31))
             observed = space.rounded(self._points[kept])
-            found = self._suggest(observed, self._scores(costs[kept]), count, seed)
+            found = self._suggest(observed, normal_scores(costs[kept]), count, seed)
             points[: len(found)] = found
         points = space.rounded(points)
         if not len(self._seen) and not len(self._asked):

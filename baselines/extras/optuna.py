@@ -35,7 +35,6 @@ class Optuna(ModelTuner):
         *,
         sampler: Literal["gp", "tpe"] = "gp",
         initial_design: Count = 20,
-        costs: Literal["normal_scores", "raw"] = "normal_scores",
         recommendation: Literal["best_seen", "reevaluated"] = "best_seen",
         **options: Any,
     ) -> None:
@@ -45,8 +44,6 @@ class Optuna(ModelTuner):
             sampler: "gp": Gaussian process, log expected improvement, points under evaluation
                 taken into account; "tpe": multivariate tree-structured Parzen estimator.
             initial_design: Random points before the first model.
-            costs: "normal_scores": the model sees the normal quantiles of the costs' ranks, so a
-                few huge costs do not hide the differences of the others; or "raw" costs.
             recommendation: See `EpisodeTuner`; Optuna itself recommends "best_seen".
             options: Of `ModelTuner`.
         """
@@ -54,9 +51,7 @@ class Optuna(ModelTuner):
             problem, initial_design=initial_design, recommendation=recommendation, **options
         )
         self.display_name = f"Optuna {sampler.upper()}"
-        self._kind, self._kind_of_costs = sampler, costs
-        if costs == "raw":
-            self._scores = np.asarray
+        self._kind = sampler
         self._sampler = _sampler(sampler, initial_design, int(self._rng.integers(1, 2**32)))
         self._distributions = {p.name: _distribution(p) for p in problem.space.parameters}
 
@@ -89,7 +84,6 @@ class Optuna(ModelTuner):
             "library": self.library,
             "sampler": self._kind,
             "initial_design": self._initial_design,
-            "costs": self._kind_of_costs,
             **super().describe(),
         }
 

@@ -1,6 +1,7 @@
 """`fidelity=authors_code` against an independent learner that follows the released rules."""
 
 import copy
+from functools import cache
 from typing import get_type_hints
 
 import numpy as np
@@ -28,6 +29,7 @@ START = np.array([0.97, -0.99, 0.5, -0.98])
 """Near the edges of the box, with gains that saturate u and end some episodes in a termination."""
 
 
+@cache
 def released_switches():
     """The options of ZOAC under `fidelity=authors_code`, from the command line's configuration."""
     config = resolved(compose_config(["task=pid_acc", "tuner=zoac", "fidelity=authors_code"]))
@@ -58,7 +60,7 @@ class RecordedTask(PidAcc):
 
 def compare(iterations, broken=None, **changes):
     """Run both learners side by side and compare all that an iteration computes."""
-    options, jerk = released_switches()
+    options, jerk = copy.deepcopy(released_switches())
     task = RecordedTask(jerk)
     group = engine(task, list(range(WORKERS)), seed=5)
     options["critic"] |= changes

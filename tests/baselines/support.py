@@ -1,6 +1,7 @@
 """A noisy quadratic to tune, and a driver without trainer."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +77,7 @@ def engine(seed: int = 0, num_envs: int = NUM_ENVS) -> RolloutEngine:
     return RolloutEngine(Quadratic(), range(num_envs), seeds)
 
 
+@cache  # reading it is most of making a tuner
 def tuner_config(name: str) -> dict[str, Any]:
     """The config of a tuner as the command line would resolve it, without a task's wishes."""
     return configuration(task=None, tuner=name)["tuner"]

@@ -47,9 +47,8 @@ def test_where_all_violate_the_least_violation_is_recommended():
     assert np.array_equal(tuner.recommend(), segments[2].proposal.x)
 
 
-@pytest.mark.parametrize("standardise", [False, True])
-def test_costs_of_which_none_is_finite_move_nothing(standardise):
-    tuner = EvolutionStrategy(problem(), population=5, standardise_costs=standardise)
+def test_costs_of_which_none_is_finite_move_nothing():
+    tuner = EvolutionStrategy(problem(), population=5)
     before = tuner.recommend()
     assert tell(tuner, engine(), [np.nan] * 5)["gradient_norm"] == 0.0
     assert np.array_equal(tuner.recommend(), before)
@@ -98,11 +97,11 @@ def test_reevaluation_reports_how_lucky_the_best_had_been():
     tuner, group = reevaluated(), engine()
     rng = np.random.default_rng(0)
     drive(tuner, group, 450 * STEPS, lambda i, s: spoiled(s, rng.normal() / STEPS))
-    for _ in range(200):
+    for _ in range(80):
         segments = group.rollout(tuner.ask())
         metrics = tuner.tell([spoiled(s, rng.normal() / STEPS) for s in segments])
     luck = -np.sort(np.random.default_rng(0).normal(size=450))[:5].mean()
-    assert metrics["selection_bias"] == pytest.approx(luck, abs=4 / np.sqrt(200 * 5))
+    assert metrics["selection_bias"] == pytest.approx(luck, abs=4 / np.sqrt(80 * 5))
 
 
 def test_reevaluation_recommends_the_best_mean_of_the_held_out_episodes():

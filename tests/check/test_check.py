@@ -11,6 +11,7 @@ from zoac import check
 from zoac.check import environment
 from zoac.check.__main__ import main
 from zoac.core.parameters import Parameter, ParameterSpace
+from zoac.envs import gymnasium_adapter
 from zoac.tasks.user_task import user_task
 
 
@@ -67,11 +68,12 @@ def test_a_cost_or_an_action_that_cannot_be_used_is_named(changes, told):
 @pytest.mark.parametrize(
     ("controller", "told"),
     [
-        (act, "not ended after 10,000 steps"),
+        (act, "not ended after 1,000 steps"),
         (lambda p, o: 1.0, "nothing ends an episode for certa"),
     ],
 )
-def test_an_environment_without_a_time_limit_is_named(controller, told):
+def test_an_environment_without_a_time_limit_is_named(controller, told, monkeypatch):
+    monkeypatch.setattr(gymnasium_adapter, "MAX_EPISODE_STEPS", 1000)
     verdicts = check.check(task(controller=controller, max_episode_steps=None))
     (verdict,) = [v for v in verdicts if v.name == "episodes end"]
     assert not verdict.good

@@ -24,10 +24,10 @@ def names(group):
 def pairs():
     """Every tuner on one task, segments on every task, and all that have a preset.
 
-    Whole episodes of every task are those of the evaluations.
+    Whole episodes of every task, and its baseline, are those of the evaluations.
     """
     of_one = product(["lqr"], names("tuner"))
-    of_all = product(names("task"), ["nominal", "zoac_plus"])
+    of_all = product(names("task"), ["zoac_plus"])
     presets = [(p.parent.name, p.stem) for p in (CONF / "preset").glob("*/*.yaml")]
     return sorted({*of_one, *of_all, *presets})
 

@@ -2,11 +2,14 @@
 
 import importlib
 import inspect
+from copy import deepcopy
 from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
+from omegaconf import OmegaConf
 
 import zoac.algorithm.strategies
 from tests.contracts.test_pairs import names
@@ -26,8 +29,8 @@ from zoac.core.tuner import Problem
 
 BUDGET, NUM_ENVS, STEPS = 210, 4, 7
 OPTIONS = {"optuna": ["tuner.sampler=tpe"]}  # the other is slow
-LIKE_ANOTHER = ("botorch", "smac", "bo", "cmaes", "cmaes_full")
-"""To a strategy they are what `random`, `optuna` and `nevergrad` are."""
+LIKE_ANOTHER = ("botorch", "smac", "bo", "nevergrad", "cmaes", "cmaes_full", "cmaes_plus")
+"""To a strategy they are what `random`, `optuna` and `zoac_plus` are."""
 
 
 MAKE = {
@@ -70,9 +73,9 @@ def run(made, remake=None):
         batches.append(sum(segment.length for segment in segments))
         made.tell(segments)
         if remake is not None and len(batches) % 3 == 1:
-            state = made.state()
+            encoded = encode(made.state())
             made = remake()
-            made.restore(decode(encode(state)))
+            made.restore(decode(encoded))
     return asked, made.recommend(), batches
 
 
@@ -91,21 +94,30 @@ def test_a_strategy_keeps_the_contract_of_a_tuner(strategy, tuner):
     before = encode(made.state()).plain
     np.testing.assert_array_equal(made.recommend(), answer)
     assert encode(made.state()).plain == before
+    assert bool(encode(made.state()).objects) == (tuner == "optuna")  # no strategy needs a pickle
     killed = run(make(strategy, tuner), remake=lambda: make(strategy, tuner))
     np.testing.assert_equal(killed, (asked, answer, batches))
 
 
-def composed(*overrides):
-    config = resolved(compose_config([*overrides, "budget=400", "num_envs=4"]))
+@cache
+def composed_for(tuner):
+    return compose_config([f"tuner={tuner}", "budget=400", "num_envs=4"])
+
+
+def composed(*overrides, tuner="zoac"):
+    config = deepcopy(composed_for(tuner))
+    for key, value in (text.split("=", 1) for text in overrides):
+        OmegaConf.update(config, key, yaml.safe_load(value), force_add=True)
+    config = resolved(config)
     return factory.build_tuner(config["tuner"], CountingTask(), factory.build_settings(config))
 
 
 def test_strategies_are_composed_by_configuration_the_first_the_outermost():
     made = composed(
-        "tuner=es",
-        "+tuner.strategies.successive_halving.fraction=0.25",
-        "+tuner.strategies.final_selection={candidates: 5}",
+        "tuner.strategies.successive_halving.fraction=0.25",
+        "tuner.strategies.final_selection={candidates: 5}",
         "common_random_numbers=true",
+        tuner="es",
     )
     choices = made.describe()
     assert choices["start"] == "successive halving, 25% of the budget"
@@ -120,7 +132,7 @@ def test_strategies_are_composed_by_configuration_the_first_the_outermost():
 
 def test_a_strategy_of_ones_own_is_named_by_its_target():
     path = "zoac.algorithm.strategies.initial_design.CommonRandomNumbers"
-    made = composed("tuner=random", f"+tuner.strategies.mine._target_={path}")
+    made = composed(f"tuner.strategies.mine._target_={path}", tuner="random")
     assert isinstance(made, CommonRandomNumbers)
 
 
@@ -129,13 +141,13 @@ HALVING = "zoac.algorithm.strategies.successive_halving.SuccessiveHalving"
 
 @pytest.mark.parametrize("setting", ["initial_samples=4", "initial_sigma=0.1"])
 def test_a_run_that_says_where_to_begin_has_no_successive_halving(setting):
-    made = composed("tuner=cmaes_plus", setting)
+    made = composed(setting, tuner="cmaes_plus")
     assert isinstance(made, FinalSelection)
     assert "halving" not in made.describe()["start"]
 
 
 def test_a_run_that_says_how_its_answer_is_selected_selects_once():
-    made = composed("tuner=cmaes_plus", "select=best_evaluated", "eval_every=100")
+    made = composed("select=best_evaluated", "eval_every=100", tuner="cmaes_plus")
     assert isinstance(made, FinalSelection)  # of the whole run, around the halving
     assert isinstance(made._tuner, SuccessiveHalving)
     assert not isinstance(made._tuner._tuner, FinalSelection)
@@ -146,27 +158,31 @@ def test_a_run_that_says_how_its_answer_is_selected_selects_once():
     [([], ""), (["tuner.start=baseline"], ", the baseline values take part")],
 )
 def test_the_tuners_start_takes_part_in_successive_halving(overrides, told):
-    made = composed("tuner=cmaes_plus", *overrides)
+    made = composed(*overrides, tuner="cmaes_plus")
     assert made.describe()["start"] == f"successive halving, 30% of the budget{told}"
 
 
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        (["+tuner.strategies.final_selektion={}"], "did you mean 'final_selection'"),
-        (["+tuner.strategies=[final_selection]"], "expected options by name"),
-        (["+tuner.strategies.final_selection=5"], "final_selection=5: expected its options"),
-        (["+tuner.strategies.mine._target_=os.getcwd"], "tuner.strategies.mine._target_"),
+        (["tuner.strategies.final_selektion={}"], "did you mean 'final_selection'"),
+        (["tuner.strategies=[final_selection]"], "expected options by name"),
+        (["tuner.strategies.final_selection=5"], "final_selection=5: expected its options"),
+        (["tuner.strategies.mine._target_=os.getcwd"], "tuner.strategies.mine._target_"),
         (
-            [f"+tuner.strategies.mine._target_={HALVING}", "initial_samples=4"],
+            [f"tuner.strategies.mine._target_={HALVING}", "initial_samples=4"],
             "mine and initial_samples=4: each looks for a start",
         ),
-        (["+tuner.strategies.final_selection.fraction=2"], "tuner.strategies.final_selection.frac"),
-        (["tuner=random", "+tuner.strategies.successive_halving={}"], "this tuner takes none"),
-        (["initial_samples=4", "initial_sigma=0.1"], "initial_sigma gives"),
-        (["+tuner.strategies.mine._target_=zoac.baselines.es.EvolutionStrategy"], "mine._target_"),
+        (["tuner.strategies.final_selection.fraction=2"], "tuner.strategies.final_selection.frac"),
+        (["tuner.strategies.successive_halving={}"], "this tuner takes none"),
+        (["tuner.strategies.mine._target_=zoac.baselines.es.EvolutionStrategy"], "mine._target_"),
     ],
 )
 def test_strategies_that_cannot_be_are_refused(overrides, message):
     with pytest.raises(ConfigError, match=message):
-        composed(*overrides)
+        composed(*overrides, tuner="random")
+
+
+def test_a_start_is_given_or_looked_for():
+    with pytest.raises(ConfigError, match="initial_sigma gives"):
+        composed("initial_samples=4", "initial_sigma=0.1")

@@ -154,8 +154,8 @@ def test_an_object_that_cannot_be_copied_gets_the_remedy():
 def tune(controller, **options):
     return zoac.tune(**{
         "env": Drift, "controller": controller, "space": {"k": (0, 1), "other": (0, 1)},
-        "budget": 400, "num_envs": 2, "episodes": 2, "final_episodes": 2, "max_episode_steps": 10,
-        "quiet": True, **options,
+        "budget": 400, "num_envs": 2, "eval_every": 400, "episodes": 1,
+        "final_episodes": 2, "max_episode_steps": 10, "quiet": True, **options,
     })  # fmt: skip
 
 

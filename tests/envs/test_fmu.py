@@ -107,7 +107,8 @@ def fmu(path, **options):
 
 def tuned(env, **options):
     given = {"space": {"kp": (0.0, 10.0), "kd": (0.0, 10.0)}, "num_envs": 2, "quiet": True,
-             "budget": 10 * STEPS, "episodes": 1, "final_episodes": 2, **options}  # fmt: skip
+             "budget": 6 * STEPS, "eval_every": 6 * STEPS, "episodes": 1, "final_episodes": 2,
+             **options}  # fmt: skip
     return zoac.tune(env=env, controller=pd, **given)
 
 
@@ -239,8 +240,8 @@ def test_a_configuration_names_an_fmu(path, forked_workers):
                 **NAMED, **options}  # fmt: skip
         return factory.build_task({"task": node})
 
-    options = {"tuner": "cmaes_full", "budget": 10 * STEPS, "num_envs": 2, "episodes": 1,
-               "final_episodes": 2, "quiet": True}  # fmt: skip
+    options = {"tuner": "cmaes_full", "budget": 6 * STEPS, "eval_every": 6 * STEPS, "num_envs": 2,
+               "episodes": 1, "final_episodes": 2, "quiet": True}  # fmt: skip
     found = zoac.tune(task=named(), executor="process", **options)
     assert found.parameters == tuned(lambda: fmu(path), tuner="cmaes_full").parameters
     by_variable = zoac.tune(task=named(cost="position"), **options)

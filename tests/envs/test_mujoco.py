@@ -131,7 +131,7 @@ def test_tuners_of_segments_tune_it_alike_in_one_process_and_in_several(forked_w
     assert task.restore_fault is None
     assert task.save_fault is None
     results = [
-        zoac.tune(task=task, tuner="zoac_plus", budget=800, num_envs=2, episodes=1,
+        zoac.tune(task=task, tuner="zoac_plus", budget=800, eval_every=800, num_envs=2, episodes=1,
                   final_episodes=2, executor=executor, quiet=True)
         for executor in ("serial", "process")
     ]  # fmt: skip

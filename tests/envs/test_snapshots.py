@@ -113,8 +113,8 @@ def test_the_wrappers_and_the_random_generator_are_saved_too():
 def test_a_run_is_the_same_as_with_copies(tuner):
     def tuned(kind):
         return zoac.tune(env=lambda: made(kind), controller=p, space={"k": (0.0, 5.0)},
-                         tuner=tuner, budget=600, num_envs=2, episodes=1, final_episodes=2,
-                         quiet=True)  # fmt: skip
+                         tuner=tuner, budget=600, eval_every=600, num_envs=2, episodes=1,
+                         final_episodes=2, quiet=True)  # fmt: skip
 
     SHARED["saves"] = 0
     result = tuned(Restorable)

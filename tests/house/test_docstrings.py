@@ -3,9 +3,7 @@
 import ast
 import re
 
-import pytest
-
-from tests.house.test_layers import MODULES
+from tests.house.test_layers import MODULES, parsed
 
 SECTION = re.compile(r"^Args:\n((?: .*\n|\n)+)", re.MULTILINE)
 ENTRY = re.compile(r"^    \*{0,2}(\w[\w, *]*):", re.MULTILINE)
@@ -36,41 +34,38 @@ def taken(node, classes):
     return fields.union(*map(signature, methods), *(taken(base, classes) for base in bases))
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_no_docstring_describes_an_argument_that_is_not_there(module):
-    nodes = list(ast.walk(ast.parse(MODULES[module].read_text())))
-    classes = {node.name: node for node in nodes if isinstance(node, ast.ClassDef)}
-    wrong = [
-        f"{node.name}: {name}"
-        for node in nodes
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) and (names := taken(node, classes))
-        for name in described(node)
-        if name not in names
-    ]
+def nodes(module, *kinds):
+    return [node for node in ast.walk(parsed(module)) if isinstance(node, kinds)]
+
+
+def test_no_docstring_describes_an_argument_that_is_not_there():
+    wrong = []
+    for module in MODULES:
+        classes = {node.name: node for node in nodes(module, ast.ClassDef)}
+        wrong += [
+            f"{module}: {node.name}: {name}"
+            for node in nodes(module, ast.FunctionDef, ast.ClassDef)
+            if (names := taken(node, classes))
+            for name in described(node)
+            if name not in names
+        ]
     assert wrong == []
 
 
-CLASSES = {
-    node.name: node
-    for path in MODULES.values()
-    for node in ast.walk(ast.parse(path.read_text()))
-    if isinstance(node, ast.ClassDef)
-}
-
-
-def says(name, node):
+def says(name, node, classes):
     """Tell whether a method of a class, or the one that it overrides, says what it does."""
     own = [b for b in node.body if isinstance(b, ast.FunctionDef) and b.name == name]
-    bases = [CLASSES[b.id] for b in node.bases if isinstance(b, ast.Name) and b.id in CLASSES]
-    return any(map(ast.get_docstring, own)) or any(says(name, base) for base in bases)
+    bases = [classes[b.id] for b in node.bases if isinstance(b, ast.Name) and b.id in classes]
+    return any(map(ast.get_docstring, own)) or any(says(name, base, classes) for base in bases)
 
 
 def test_a_public_method_says_what_it_does_unless_the_one_that_it_overrides_does():
+    classes = {node.name: node for module in MODULES for node in nodes(module, ast.ClassDef)}
     silent = [
         f"{owner}.{b.name}"
-        for owner, node in CLASSES.items()
+        for owner, node in classes.items()
         for b in node.body
         if isinstance(b, ast.FunctionDef) and "_" not in (owner[0], b.name[0])
-        if not says(b.name, node)
+        if not says(b.name, node, classes)
     ]
     assert silent == []

@@ -52,6 +52,12 @@ def sources():
 MODULES = sources()
 
 
+@cache
+def parsed(module):
+    """Return the syntax tree of a module, for all tests to read."""
+    return ast.parse(MODULES[module].read_text())
+
+
 def of_type_checkers(tree):
     """Return the ids of the nodes that only type checkers see."""
     return {
@@ -78,7 +84,7 @@ def imports(module, at_load=False, for_types=True):
 
     With `at_load` those in functions are left out, without `for_types` those of type checkers.
     """
-    tree = ast.parse(MODULES[module].read_text())
+    tree = parsed(module)
     hidden = in_functions(tree) if at_load else set()
     hidden |= set() if for_types else of_type_checkers(tree)
     names = set()
@@ -131,11 +137,11 @@ def test_every_module_stands_in_a_layer():
     assert {p for p in packages if layer_of(p) is None} == set()
 
 
-@pytest.mark.parametrize("module", [m for m in MODULES if package_of(m) not in ("", "analysis")])
-def test_imports_run_downwards(module):
-    own = package_of(module)
+def test_imports_run_downwards():
     upwards = [
-        name
+        f"{module}: {name}"
+        for module in MODULES
+        if (own := package_of(module)) not in ("", "analysis")
         for name in imports(module)
         if name in MODULES
         and not module.startswith(f"{name}.")  # a package that holds it

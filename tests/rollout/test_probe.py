@@ -19,6 +19,7 @@ from tests.envs.test_adapters import Drift
 from tests.support import CountingTask, engine, proposal, same_segment
 from zoac import check
 from zoac.core.errors import ConfigError
+from zoac.envs import gymnasium_adapter
 from zoac.rollout.horizon import horizon_of
 from zoac.runs.training.trainer import Trainer
 from zoac.tasks.user_task import user_task
@@ -276,8 +277,9 @@ def test_the_length_of_episodes_that_terminate_is_measured_with_the_start_values
 
 
 def test_an_environment_that_never_ends_is_refused_before_the_run(monkeypatch):
+    monkeypatch.setattr(gymnasium_adapter, "MAX_EPISODE_STEPS", 1000)
     monkeypatch.setattr(Trainer, "run", lambda self: pytest.fail("the run began"))
-    with pytest.raises(ConfigError, match="not ended after 10,000 steps.*give max_episode_steps"):
+    with pytest.raises(ConfigError, match="not ended after 1,000 steps.*give max_episode_steps"):
         zoac.tune(task=task(Cart), tuner="random", quiet=True, **FEW)
 
 

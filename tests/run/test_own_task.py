@@ -16,7 +16,7 @@ from zoac.runs.training import identity
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "own_task"
-SMALL = ["tuner=random", "num_envs=2", "budget=200", "evaluation.episodes=1",
+SMALL = ["tuner=random", "num_envs=2", "budget=100", "evaluation.episodes=1",
          "evaluation.final_episodes=2", "variant=${hydra:runtime.choices.executor}"]  # fmt: skip
 
 

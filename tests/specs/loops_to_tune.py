@@ -44,7 +44,8 @@ def tuned(**options):
     given = {
         "env": FirstOrder, "controller": proportional,
         "space": {"k": {"low": 0.5, "high": 12.0, "baseline": 1.0}}, "tuner": "random",
-        "budget": 1200, "num_envs": 2, "signals": SIGNALS, "max_episode_steps": 40,
+        "budget": 1200, "eval_every": 1200, "num_envs": 2, "signals": SIGNALS,
+        "max_episode_steps": 40,
         "specs": [zoac.specs.steady_state_error("y", "r", max=0.2)],
         "objective": zoac.specs.peak("u"), "episodes": 3, "final_episodes": 4, "quiet": True,
     }  # fmt: skip

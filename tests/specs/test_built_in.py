@@ -12,8 +12,8 @@ ERROR = specs.peak("clearance_error", max=0.045)
 
 def tuned(**options):
     given = {
-        "task": "pid_acc", "budget": 8_000, "num_envs": 4, "episodes": 1, "final_episodes": 3,
-        "tuner": "cmaes_full", "quiet": True,
+        "task": "pid_acc", "budget": 4_000, "eval_every": 4_000, "num_envs": 4, "episodes": 1,
+        "final_episodes": 3, "tuner": "cmaes_full", "quiet": True,
     }  # fmt: skip
     return zoac.tune(**{**given, **options})
 
@@ -50,7 +50,7 @@ def test_signals_may_be_given_and_the_callers_task_stays_as_it_is():
     found = zoac.tune(
         task=task, signals={"x": zoac.observation(0)}, specs=[specs.peak("x", max=1.1)],
         objective=specs.rms("x"),
-        budget=2_000, tuner="random", final_episodes=2, episodes=1, quiet=True,
+        budget=500, eval_every=500, tuner="random", final_episodes=2, episodes=1, quiet=True,
     )  # fmt: skip
     assert list(found.specs["spec"]) == ["peak(x)", "rms(x)"]
     assert task.specs == ()

@@ -48,9 +48,9 @@ def test_the_response_is_drawn_from_the_folder_alone(runs):
     assert "<h3>Response</h3>" not in page_of(runs)
 
 
-def test_names_from_a_folder_cannot_write_html(runs):
+def test_names_from_a_folder_cannot_write_html(runs, monkeypatch):
     (run,) = runs.finished
-    run.outcome["specs"][0]["spec"] = "<script>alert(1)</script>"
+    monkeypatch.setitem(run.outcome["specs"][0], "spec", "<script>alert(1)</script>")
     page = page_of(runs)
     assert "<script>" not in page
     assert "&lt;script&gt;" in page

@@ -3,7 +3,6 @@
 This module and `zoac.run.command` are the only ones that know Hydra.
 """
 
-import itertools
 import re
 import threading
 from collections.abc import Mapping, Sequence
@@ -23,20 +22,15 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from zoac.config.files import AUTO, CONFIG_MODULE, choices, own_conf, unknown_choice
-from zoac.config.overrides import (
-    GROUPS_OF_RUN,
-    NOT_OF_THE_RUN,
-    why_unreadable,
-    with_whole_steps,
-)
+from zoac.config.overrides import GROUPS_OF_RUN, NOT_OF_THE_RUN, with_whole_steps
 from zoac.config.settings import RUN_KEYS, WITHOUT_EFFECT, Evaluation, RunSettings, converted
 from zoac.config.validate import check_arguments
 from zoac.core.errors import ConfigError, option_names, suggest
 
 GROUPS = (*GROUPS_OF_RUN, "launcher", "method", "experiment", "search")
 
-OPTIONAL_GROUPS = {"preset": "tuner", "fidelity/task": "task", "fidelity/tuner": "tuner"}
-"""Group -> the key whose options it sets, for some choices only."""
+OPTIONAL_GROUPS = ("preset", "fidelity/task", "fidelity/tuner")
+"""Groups in which Hydra passes over a choice that is not there."""
 
 # Overrides that say which run this is; keys of `WITHOUT_EFFECT` cannot change its numbers.
 NOT_A_VARIANT = ("task", "tuner", "seed", "launcher", "method", "experiment")
@@ -82,7 +76,7 @@ def compose_config(overrides: Sequence[str]) -> DictConfig:
     try:
         return _composed(overrides)
     except Exception as error:  # Hydra answers some odd overrides with a ValueError, say
-        raise ConfigError(explain(error, overrides)) from error
+        raise ConfigError(explain(error)) from error
 
 
 def _composed(overrides: Sequence[str]) -> DictConfig:
@@ -112,13 +106,12 @@ def check_overrides(overrides: Sequence[str]) -> None:
         try:
             override = parser.parse_override(text)
         except HydraException as error:
-            why = why_unreadable(text, error)
-            raise ConfigError(f"cannot read the override {text!r}: {why}") from error
-        key = override.key_or_group
-        if not key or key != key.strip("."):
+            why = str(error).strip().partition("\n")[0]
             raise ConfigError(
-                f"cannot read the override {text!r}: there is no key; write key=value"
-            )
+                f"cannot read the override {text!r}: {why}; write key=value, or "
+                "\"key='value'\" if the value has special characters"
+            ) from error
+        key = override.key_or_group
         parent, _, name = key.rpartition(".")
         setting = key in RUN_KEYS or (parent == "evaluation" and name in OF_EVALUATION)
         if override.is_delete():
@@ -126,10 +119,8 @@ def check_overrides(overrides: Sequence[str]) -> None:
                 raise ConfigError(f"{text}: a value is needed, {key}=<value>")
             continue
         for value in _values(text, override):
-            if key in GROUPS or key.startswith("hydra/"):
-                _check_choice(text, key, value)
-            elif key in OPTIONAL_GROUPS:
-                _check_optional(text, override, value)
+            if key in GROUPS or key in OPTIONAL_GROUPS:
+                _check_choice(key, value)
             elif setting and "${" not in str(value):
                 owner = Evaluation if parent else RunSettings
                 check_arguments(owner, converted(owner, {name: value}, text=True), parent)
@@ -146,36 +137,20 @@ def _values(text: str, override: Override) -> list[Any]:
     else:
         return [value]
     if not values:
-        raise ConfigError(
-            f"{text}: there is nothing to go through, so that the sweep has no jobs; glob() "
-            f"chooses among the files of a group, such as tuner=glob(zoac*); write numbers as "
-            "seed=0,1,2 or seed=range(0,3)"
-        )
+        raise ConfigError(f"{text}: there is nothing to go through, so the sweep has no jobs")
     return values
 
 
-def _check_choice(text: str, group: str, value: Any) -> None:
-    """Refuse what is no name of a group's choice; whether there is one of this name, Hydra says."""
+def _check_choice(group: str, value: Any) -> None:
+    """Refuse what is no name of a choice, as far as Hydra does not."""
     names = value if isinstance(value, list) and group == "logger" else [value]
     left_out = value is None and group in ("method", "experiment", "search")
-    if not left_out and not all(isinstance(name, str) for name in names):
-        hint = suggest(str(value), choices(group))
-        if isinstance(value, list) and group != "logger":
-            hint = f"for several, one after the other: -m {group}={','.join(map(str, value))}"
-        raise ConfigError(f"{text}: expected a name of the group {group}; {hint}")
+    passed_over = group in OPTIONAL_GROUPS and value not in choices(group)
+    if passed_over or not (left_out or all(isinstance(name, str) for name in names)):
+        raise ConfigError(unknown_choice(group, str(value)))
 
 
-def _check_optional(text: str, override: Override, value: Any) -> None:
-    """Refuse a choice that Hydra would pass over, since the group may be left out."""
-    key = override.key_or_group
-    place = f"{key}@{OPTIONAL_GROUPS[key]}"
-    if override.package != OPTIONAL_GROUPS[key]:
-        raise ConfigError(f"{text}: write {place}={value}")
-    if (name := str(value)) not in choices(key):
-        raise ConfigError(unknown_choice(key, name))
-
-
-def explain(error: Exception, overrides: Sequence[str]) -> str:
+def explain(error: Exception) -> str:
     """Return what Hydra complains about as one message, with the nearest valid choice."""
     cause: BaseException = error
     while cause.__cause__ is not None:
@@ -184,56 +159,30 @@ def explain(error: Exception, overrides: Sequence[str]) -> str:
     text = "\n".join(
         dict.fromkeys(line for line in lines if line and not line.startswith(INTERNAL))
     )
-    if "nterpolation" in text and (place := getattr(cause, "full_key", None)):
+    place = getattr(cause, "full_key", None)
+    if "nterpolation" in text and place:
         return f"{place}: {text}"
     for launcher, extra in EXTRA_OF_LAUNCHER.items():
         if f"Could not find 'hydra/launcher/{launcher}'" in text:
             return f"the launcher {launcher} is not installed: pip install 'zoac[{extra}]'"
-    for override in overrides:
-        key = override.lstrip("+~").partition("=")[0]
-        if f"override '{key}'" in text and "To append to your config" in text:
-            # Of search.ranges={num_envs: ...} it is the key inside that is unknown.
-            unknown = getattr(cause, "full_key", None) or key
-            return f"unknown key {unknown!r} in {override!r}; {_siblings(unknown, overrides)}"
+    if place and (found := re.search(r"To append to your config use \+(.+)", text)):
+        hint = _siblings(place, getattr(cause, "parent_node", None))
+        return f"unknown key {place!r} in {found[1]!r}; {hint}"
     if found := re.search(r"Could not (?:find|load) '(?!hydra/)(\w+)/(\S*)'", text):
         return unknown_choice(*found.groups())
     return text
 
 
-def _siblings(key: str, overrides: Sequence[str]) -> str:
-    """Return the hint that lists what stands beside `key` where the same choices are made.
-
-    Of the jobs of a sweep, it is about the first that does not know the key.
-    """
-    parent, _, name = key.rpartition(".")
+def _siblings(key: str, node: Any) -> str:
+    """Return the hint that lists what stands in the node that has no `key`."""
+    parent = key.rpartition(".")[0]
     if not parent:
-        return suggest(name, [*GROUPS_OF_RUN, *RUN_KEYS])
-    pairs = [text.lstrip("+").partition("=") for text in overrides]
-    groups = {group: value.split(",") for group, _, value in pairs if group in GROUPS}
-    swept = [group for group, values in groups.items() if len(values) > 1]
-    for values in itertools.product(*groups.values()):
-        chosen = dict(zip(groups, values, strict=True))
-        # A run has no search, so that one is added.
-        texts = [f"{'+' * (g == 'search')}{g}={value}" for g, value in chosen.items()]
-        try:
-            config = _composed(texts)
-        except Exception:  # a choice may be wrong as well, in any of the ways that Hydra knows
-            return "see --help"
-        node = OmegaConf.select(config, parent)
-        if not (isinstance(node, DictConfig) and name in node):
-            break
-    if node is None and "." in parent:  # what is unknown stands further up
-        return _siblings(parent, overrides)
+        return suggest(key, [*GROUPS_OF_RUN, *RUN_KEYS])
     plain: Any = OmegaConf.to_container(node) if isinstance(node, DictConfig) else {}
-    known = option_names(plain)
-    if parent in GROUPS and not known:
-        option = config.hydra.runtime.choices.get(parent)
-        return f"{parent}={option} has no keys; choices: {', '.join(choices(parent))}"
-    told = "".join(f"{group}={chosen[group]}: " for group in swept)
-    group = parent.partition(".")[0]
-    may_add = not swept and (parent == "task" or key.startswith("search.ranges."))
-    added = f"; what the {group}'s file leaves out is added: +{key}=..." if may_add else ""
-    return told + suggest(key, [f"{parent}.{name}" for name in known]) + added
+    hint = suggest(key, [f"{parent}.{name}" for name in option_names(plain)])
+    if key.startswith(("task.", "search.ranges.")):
+        hint += f"; what its file leaves out is added: +{key}=..."
+    return hint
 
 
 def resolved(config: DictConfig) -> dict[str, Any]:
@@ -250,7 +199,7 @@ def resolved(config: DictConfig) -> dict[str, Any]:
             throw_on_missing=True,
         )
     except OmegaConfBaseException as error:
-        raise ConfigError(explain(error, [])) from error
+        raise ConfigError(explain(error)) from error
     known = [*GROUPS_OF_RUN, *RUN_KEYS]
     for key in plain:
         if key not in known:
@@ -269,9 +218,14 @@ def variant_of(config: Mapping[str, Any], overrides: Sequence[str]) -> str | Non
     """Return the run's variant: as given, or what the overrides change beyond its identity."""
     if config["variant"] is not None:
         return str(config["variant"])
+    return ",".join(changes_of(overrides)).replace("/", "-") or None
+
+
+def changes_of(overrides: Sequence[str]) -> list[str]:
+    """Return the overrides that can change a run's numbers, beside those of its identity."""
     named = []
     for override in sorted(overrides):
         key = override.lstrip("+~").partition("=")[0].partition("@")[0]
         if key not in NOT_A_VARIANT and key.partition(".")[0] not in WITHOUT_EFFECT:
             named.append(override.lstrip("+~"))
-    return ",".join(named).replace("/", "-") or None
+    return named

@@ -17,6 +17,7 @@ from zoac.config.validate import TARGET, check_arguments, with_groups
 from zoac.core.errors import ConfigError, suggest
 from zoac.core.tuner import Problem, Tuner
 from zoac.rollout.executors.base import Executor
+from zoac.rollout.executors.process import Process
 from zoac.rollout.horizon import horizon_of
 from zoac.rollout.task import Task
 from zoac.runs.loggers.base import Logger
@@ -280,7 +281,7 @@ def baseline_use(node: Mapping[str, Any], task: Task, settings: Settings) -> dic
 def build_executor(config: Mapping[str, Any]) -> Executor:
     """Return the executor of a resolved configuration, not yet started."""
     executor: Executor = build(config["executor"], "executor", Executor)
-    if (seconds := config.get("step_timeout")) is not None and not executor.ends_steps:
+    if (seconds := config.get("step_timeout")) is not None and not isinstance(executor, Process):
         raise ConfigError(
             f"step_timeout={seconds:g}: executor={type(executor).__name__.lower()} cannot end a "
             "step that does not return; choose executor=process"

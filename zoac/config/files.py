@@ -4,13 +4,15 @@
 is said. Both ways of reading give the same configuration, which a test holds.
 """
 
+import functools
 import re
 from collections.abc import Mapping
+from copy import deepcopy
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, ListConfig, OmegaConf
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from zoac.core.errors import ConfigError, suggest
@@ -43,8 +45,10 @@ def configuration(**chosen: str | None) -> dict[str, Any]:
     """
     run = _read("run", "")
     names: dict[str, Any] = {}
-    entries: Any = OmegaConf.to_container(run.pop("defaults"))  # as they stand
-    pairs = [pair for entry in entries if isinstance(entry, dict) for pair in entry.items()]
+    parts = []
+    pairs = [
+        pair for entry in run.pop("defaults") if isinstance(entry, dict) for pair in entry.items()
+    ]
     for key, name in pairs:
         group, _, place = key.removeprefix("optional ").partition("@")
         if group in NOT_OF_A_RUN or group.startswith("override"):
@@ -52,11 +56,10 @@ def configuration(**chosen: str | None) -> dict[str, Any]:
         names[group] = name = chosen.get(group, _filled_in(name, names))
         if name is None or (key.startswith("optional ") and name not in choices(group)):
             continue
-        place = place or group
-        run[place] = OmegaConf.merge(run.get(place, {}), choice(group, name))
+        parts.append({place or group: choice(group, name)})
     del run["hydra"]
     try:
-        plain: dict[str, Any] = OmegaConf.to_container(run, resolve=True)  # type: ignore[assignment]
+        plain: Any = OmegaConf.to_container(OmegaConf.unsafe_merge(run, *parts), resolve=True)
     except OmegaConfBaseException as error:
         raise ConfigError(str(error).splitlines()[0]) from error
     return plain
@@ -67,7 +70,7 @@ def _filled_in(name: str | None, chosen: Mapping[str, Any]) -> str | None:
     return name and re.sub(r"\$\{(\w+)\}", lambda found: str(chosen[found[1]]), name)
 
 
-def choice(group: str, name: str) -> DictConfig:
+def choice(group: str, name: str) -> dict[str, Any]:
     """Return the file of a choice, merged over those of its group that its `defaults` name.
 
     Raises:
@@ -76,15 +79,23 @@ def choice(group: str, name: str) -> DictConfig:
     if name not in choices(group):
         raise ConfigError(unknown_choice(group, name))
     node = _read(name, group)
-    merged = OmegaConf.create()
+    merged: dict[str, Any] = {}
     for entry in node.pop("defaults", ["_self_"]):
         if not isinstance(entry, str):
             raise ConfigError(
                 f"conf/{group}/{name}.yaml: its defaults reach into other groups ({entry}); only "
                 "the command line can compose it"
             )
-        merged.merge_with(node if entry == "_self_" else choice(group, entry))
+        merged = _over(merged, node if entry == "_self_" else choice(group, entry))
     return merged
+
+
+def _over(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """Return what two files say, options in options; where both say something, `above` holds."""
+    both = {
+        key for key in above if isinstance(above[key], dict) and isinstance(below.get(key), dict)
+    }
+    return below | above | {key: _over(below[key], above[key]) for key in both}
 
 
 def unknown_choice(group: str, name: str) -> str:
@@ -113,13 +124,19 @@ def _roots() -> list[Path]:
     return [package] if own is None else [package, own]
 
 
-def _read(name: str, group: str) -> DictConfig:
+def _read(name: str, group: str) -> dict[str, Any]:
     """Return a file; the package's comes before one of the same name in the current folder."""
     path = next(p for root in _roots() if (p := root / group / f"{name}.yaml").is_file())
     try:
-        node = OmegaConf.load(path)
+        node = _parsed(path.read_text(encoding="utf-8"))
     except Exception as error:  # by the YAML parser
         raise ConfigError(f"{path}: cannot be read as YAML: {error}") from error
-    if isinstance(node, ListConfig):
+    if isinstance(node, list):
         raise ConfigError(f"{path}: expected keys and values, not a list")
-    return node
+    return deepcopy(node)
+
+
+@functools.cache
+def _parsed(text: str) -> Any:
+    """Return what a file says, by its text: each run of a process reads the same few files."""
+    return OmegaConf.to_container(OmegaConf.create(text))

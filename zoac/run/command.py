@@ -19,6 +19,7 @@ from omegaconf import DictConfig, OmegaConf, read_write
 from omegaconf.errors import OmegaConfBaseException
 
 from zoac.config.compose import (
+    changes_of,
     check_overrides,
     explain,
     know_own_conf,
@@ -60,7 +61,6 @@ class SweepStart(Callback):
         if launcher in ON_THIS_TERMINAL:
             os.environ[lifeline.TERMINAL] = str(os.getpid())
             print("a sweep: a line for each job at its end, a table at the end of all", flush=True)
-        sweep_report.keep_given(Path(folder), _as_typed(config.hydra.overrides.task))
         # Composed anew for each job, where runs_dir may differ and another folder be the current.
         kept = folder.replace("${", "\\${")
         quoted = folder.replace("\\", "\\\\").replace("'", "\\'").replace("${", "\\${")
@@ -72,11 +72,6 @@ class SweepStart(Callback):
             os.environ.setdefault(name, value)
         if launcher in LOCAL_LAUNCHERS:
             _end_jobs_with_this_process(Path(folder))
-
-
-def _as_typed(overrides: Any) -> list[str]:
-    """Return overrides with their ${...}, which cannot be resolved before a sweep has jobs."""
-    return list(OmegaConf.to_container(overrides))  # type: ignore[arg-type]
 
 
 def _end_jobs_with_this_process(folder: Path) -> None:
@@ -112,8 +107,10 @@ def _job(config: DictConfig) -> None:
         raise KeyboardInterrupt
     choices = job.runtime.choices
     identity = {"task": choices["task"], "tuner": choices["tuner"], "seed": config.seed}
-    typed = _as_typed(job.overrides.task)
-    with sweep_report.noted(Path(job.sweep.dir), job.job.num, typed, identity) as noted:
+    # With their ${...}: what these lead to may be missing, which is the job's fault alone.
+    typed: Any = OmegaConf.to_container(job.overrides.task)
+    changes = changes_of(typed)
+    with sweep_report.noted(Path(job.sweep.dir), job.job.num, changes, identity) as noted:
         noted.outcome = _run(config, noted.again)
 
 
@@ -192,7 +189,7 @@ def main() -> None:
     except ZoacError as error:
         sys.exit(f"error: {error}")
     except (HydraException, OmegaConfBaseException) as error:
-        sys.exit(f"error: {explain(error, arguments)}")
+        sys.exit(f"error: {explain(error)}")
     except KeyboardInterrupt as stop:
         if (sweep := lifeline.sweep()) is not None:
             print(sweep_report.report(sweep)[0], file=sys.stderr)
@@ -204,7 +201,7 @@ def main() -> None:
         sweep = lifeline.sweep()
         sweeping = sweep is not None and sweep_report.has_begun(sweep)
         if not _composed and not sweeping:  # Hydra answers some odd overrides with a ValueError
-            sys.exit(f"error: {explain(error, arguments)}")
+            sys.exit(f"error: {explain(error)}")
         if not sweeping:
             raise
         # Jobs do not raise: it is the launcher, whose job has died.

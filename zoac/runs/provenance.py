@@ -4,7 +4,6 @@ import functools
 import os
 import platform
 import subprocess
-from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -29,20 +28,6 @@ def here_and_now() -> dict[str, Any]:
     }
 
 
-def differences(earlier: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Return what differs between two `run.json` in what a run's bits depend on."""
-    then, here = (
-        {**record["versions"], "processor": record["machine"]["processor"],
-         "commit": record["commit"]}
-        for record in (earlier, now)
-    )  # fmt: skip
-    return [
-        f"{name} {here.get(name)}, at first {then.get(name)}"
-        for name in {**then, **here}
-        if then.get(name) != here.get(name)
-    ]
-
-
 def _processor() -> str:
     """Name the processor: libraries choose their code by its model, and with it their rounding."""
     try:
@@ -64,8 +49,12 @@ def _versions() -> dict[str, str]:
     return versions
 
 
+@functools.cache
 def commit() -> str | None:
-    """Return the commit of the clone that this package runs from, "+" behind it if changed."""
+    """Return the commit of the clone that this package runs from, "+" behind it if changed.
+
+    As it was when first asked for: a process goes on with the code that it has imported.
+    """
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return None

@@ -48,7 +48,7 @@ PATH = (0.9, 0.3, -0.4, 0.2, 0.5, 0.7, 0.8)
 """The cost of an episode grows with a: the third recommendation is the best."""
 
 
-def make(path=PATH, budget=2000, every=7, baseline=None, **more):
+def make(path=PATH, budget=1000, every=7, baseline=None, **more):
     x = None if baseline is None else np.array([baseline, 0.0])
     problem = Problem(CountingTask.space, 3, 4, budget, 7, 0, x, baseline=x)
     return best_evaluated(problem, lambda _: Wanderer(path), every=every, **more)
@@ -68,7 +68,7 @@ def test_a_tuner_that_passed_the_best_and_went_on_returns_to_it():
     batches = drive(tuner)
     assert tuner.recommend()[0] == -0.4
     assert tuner.outcome()["select"]["recommended_at"] == 2 * 7
-    assert sum(s.length for batch in batches for s in batch) <= 2000
+    assert sum(s.length for batch in batches for s in batch) <= 1000
 
 
 def test_the_baseline_is_a_candidate_and_may_win():
@@ -142,7 +142,7 @@ def test_a_budget_for_no_choice_is_refused_with_what_is_needed():
 
 def test_it_goes_together_with_the_acceptance_test():
     baseline = np.array([0.0, 0.0])
-    whole = Problem(CountingTask.space, 3, 4, 4000, 7, 0, baseline, baseline=baseline)
+    whole = Problem(CountingTask.space, 3, 4, 2000, 7, 0, baseline, baseline=baseline)
     tuner = acceptance_test.AcceptanceTest(
         whole, lambda left: make(budget=left.budget, baseline=0.0), fraction=0.5
     )
@@ -173,11 +173,11 @@ def test_another_word_is_refused():
         zoac.tune(task=CountingTask(), budget=300, select="best", quiet=True)
 
 
-@pytest.mark.parametrize("tuner", ["zoac_plus", "cmaes_full"])
+@pytest.mark.parametrize("tuner", ["zoac_plus", "random"])
 def test_a_run_killed_at_any_batch_gives_the_bits_of_one_that_was_not(tuner, tmp_path):
     """With selection and acceptance test, through checkpoints."""
     overrides = [f"tuner={tuner}", "acceptance_test=0.3", "select=best_evaluated",
-                 "budget=900", "num_envs=4",
+                 "budget=500", "num_envs=4",
                  "eval_every=200", "evaluation.episodes=2",
                  "evaluation.final_episodes=3"]  # fmt: skip
     config = resolved(compose_config(overrides))
@@ -201,7 +201,7 @@ def test_a_run_killed_at_any_batch_gives_the_bits_of_one_that_was_not(tuner, tmp
     whole, killed, kills = run(folders[0], lambda: False), None, 0
     while killed is None:  # every process carries out one batch and is stopped
         killed, kills = run(folders[1], lambda: True), kills + 1
-    assert kills > 20
+    assert kills > 15
     assert whole["acceptance_test"]["pairs"] > 5
     assert without_clocks(killed) == without_clocks(whole)
     rows = [list(map(without_clocks, read_metrics(folder))) for folder in folders]

@@ -14,7 +14,7 @@ from zoac.core.errors import ConfigError
 from zoac.core.tuner import Problem
 
 OPTIONS = {"_target_": "zoac.baselines.es.EvolutionStrategy", "population": 4, "sigma": 0.1,
-           "step_size": 0.05, "standardise_costs": True, "start": "random",
+           "step_size": 0.05, "start": "random",
            "recommendation": "mean", "reevaluate_top": 1, "reevaluate_fraction": 0.1}  # fmt: skip
 
 

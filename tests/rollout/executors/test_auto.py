@@ -17,27 +17,13 @@ STATE = {"process": 0}
 
 @pytest.fixture
 def eager(monkeypatch):
-    """Have workers started after the second batch, however fast it was, and kept."""
+    """Have workers take over after the first batch, however fast it was."""
     monkeypatch.setattr(automatic, "PATIENCE", 0.0)
     monkeypatch.setattr(automatic, "SLOW", 0.0)
-    monkeypatch.setattr(automatic, "TRIAL", 0.0)
-    monkeypatch.setattr(automatic, "GAIN", np.inf)
 
 
 @pytest.fixture
-def patient(monkeypatch):
-    """Have `Auto` wait for its workers as soon as they start."""
-    start = Auto._start_workers
-
-    def start_and_wait(self):
-        start(self)
-        self._wait_for_workers()
-
-    monkeypatch.setattr(Auto, "_start_workers", start_and_wait)
-
-
-@pytest.fixture
-def auto(patient, forked_workers):
+def auto(forked_workers):
     executor = Auto(workers=2)
     executor.said = []
     executor.tell = executor.said.append
@@ -68,17 +54,24 @@ def same_as_serial(executor, task):
     return all(support.same_segment(one, other) for one, other in pairs)
 
 
-def test_workers_take_over_and_hand_back_and_the_numbers_are_those_of_this_process(
-    auto, eager, monkeypatch
-):
-    monkeypatch.setattr(automatic, "SLOW", 1e-4)
-    monkeypatch.setattr(automatic, "GAIN", 0.0)
+def test_workers_take_over_and_the_numbers_are_those_of_this_process(auto, monkeypatch):
+    monkeypatch.setattr(automatic, "PATIENCE", 0.0)
     monkeypatch.setattr(support.SlowTask, "seconds", 0.001)
     assert same_as_serial(auto, support.SlowTask())
-    first, last = auto.said
-    assert "worker processes take over" in first
-    assert len(auto._processes._workers) == 2
-    assert last.endswith("are no faster: all runs in one process")
+    (told,) = auto.said
+    assert "worker processes take over" in told
+    assert len(auto._current._workers) == 2
+
+
+def test_environments_that_have_moved_go_on_in_workers(auto, eager, monkeypatch):
+    serial = Serial()
+    for executor in (auto, serial):
+        executor.start(support.CountingTask(), 3, seed=0)
+    for patience in (np.inf, 0.0, 0.0):
+        monkeypatch.setattr(automatic, "PATIENCE", patience)
+        pairs = zip(auto.rollout(plan()), serial.rollout(plan()), strict=True)
+        assert all(support.same_segment(one, other) for one, other in pairs)
+    assert "take over" in auto.said[0]
 
 
 def test_fast_steps_stay_in_this_process(auto, monkeypatch):
@@ -93,7 +86,7 @@ def test_nothing_is_started_before_it_can_pay(auto, monkeypatch):
     monkeypatch.setattr(automatic, "PATIENCE", 100.0)
     monkeypatch.setattr(automatic, "SLOW", 0.0)
     rolled_out(auto, support.CountingTask(), rounds=1)
-    assert (auto.said, auto._starting) == ([], None)
+    assert auto.said == []
 
 
 @pytest.mark.parametrize("cores", ["1", ""])
@@ -101,7 +94,7 @@ def test_a_job_keeps_to_its_cores(eager, forked_workers, cores, monkeypatch):
     monkeypatch.setenv("ZOAC_CORES", cores)
     auto = Auto()
     rolled_out(auto, support.CountingTask())
-    assert bool(auto._processes._workers) == (cores == "")
+    assert isinstance(auto._current, Serial) == (cores == "1")
     auto.close()
 
 
@@ -124,6 +117,18 @@ def test_a_task_that_something_outside_steers_stays(auto, eager, monkeypatch):
     assert "workers give other numbers" in auto.said[0]
 
 
+def test_an_error_of_the_rollout_in_which_workers_take_over_is_an_error(auto, eager):
+    auto.start(support.CountingTask(), 3, seed=0)
+    auto.rollout(plan())
+    auto._current.run = auto._candidate.run = failing
+    with pytest.raises(ControllerError, match="in the controller"):
+        auto.rollout(plan())
+
+
+def failing(*proposals):
+    raise ControllerError("in the controller")
+
+
 class Unsendable(support.CountingTask):
     """No pickle takes it."""
 
@@ -139,35 +144,13 @@ def test_a_task_that_cannot_be_sent_stays(auto, eager):
 def test_environments_that_cannot_be_saved_go_before_they_move_or_stay(auto, eager):
     assert same_as_serial(auto, support.LockedTask())
     assert "take over" in auto.said[0]
-    other = Auto(workers=2)
-    other.tell = auto.said.append
-    other.start(support.LockedTask(), 3, seed=0)
-    for _ in range(2):
-        other.rollout(plan())
+    auto.start(support.LockedTask(), 3, seed=0)
+    auto.rollout(plan())
     assert "cannot be moved" in auto.said[1]
 
 
-def test_workers_that_start_while_it_evaluates_are_not_started_again(auto, eager, monkeypatch):
-    started, launch = [], automatic.Process.launch
-    monkeypatch.setattr(
-        automatic.Process, "launch", lambda self, *made: (started.append(self), launch(self, *made))
-    )
-    auto.start(support.LockedTask(), 3, seed=0)
-    for seed in range(3):
-        auto.evaluate([support.proposal(0, seed=seed)])
-    auto.rollout(plan())
-    assert started == [auto._processes]
-
-
-def test_an_error_of_the_rollout_in_which_workers_take_over_is_an_error(auto, eager):
-    auto.start(support.RaisingTask(), 3, seed=0)
-    auto._start_workers()
-    with pytest.raises(ControllerError, match="in the controller"):
-        auto.rollout(plan())
-
-
 def test_a_run_ends_with_the_same_numbers_stopped_before_and_after_the_move(
-    eager, patient, forked_workers, stopping, tmp_path, monkeypatch, capsys
+    eager, forked_workers, stopping, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.setenv("ZOAC_CORES", "2")
 
@@ -187,9 +170,7 @@ def test_a_run_ends_with_the_same_numbers_stopped_before_and_after_the_move(
             tune("auto", stop=2, moves=moves)
         assert ("worker processes take over" in capsys.readouterr().out) == moves
     result = tune("auto")
-    told = capsys.readouterr().out
-    assert "worker processes take over" in told
-    assert "no faster" not in told
+    assert "worker processes take over" in capsys.readouterr().out
     assert result.record["x"] == expected.record["x"]
     assert result.cost_per_episode == expected.cost_per_episode
     assert result.history["step_cost_mean"].equals(expected.history["step_cost_mean"])

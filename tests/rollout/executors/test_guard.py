@@ -24,37 +24,39 @@ WORKERS = """
 import sys
 from pathlib import Path
 from tests import support
-from zoac.rollout.executors.process import Process
+from zoac.rollout.executors import process
 
-executor = Process(workers=2, attempts=1)
-executor.start(support.SimulatorTask(Path(sys.argv[1])), 2, seed=0)
-executor.rollout([support.proposal(environment) for environment in (0, 1)])
+process.ATTEMPTS = 1
+executor = process.Process(workers=1)
+executor.start(support.SimulatorTask(Path(sys.argv[1])), 1, seed=0)
+executor.rollout([support.proposal(0)])
 """
 
 
-def running(code, folder):
-    """Return a process that runs the code, once two programs below it have said so by a file."""
+def running(code, folder, programs):
+    """Return a process that runs the code, once programs below it have said so by a file."""
     mark = {**os.environ, "MARK": str(folder)}
     process = commands.Started("-c", code, folder, cwd=Path(__file__).parents[3], env=mark)
-    while len(list(folder.glob("sign.*"))) < 2:
+    while len(list(folder.glob("sign.*"))) < programs:
         assert process.poll() is None
         time.sleep(0.01)
     return process
 
 
 @pytest.mark.parametrize(
-    ("code", "number"),
-    [(PROGRAMS, signal.SIGTERM), (PROGRAMS, signal.SIGKILL), (WORKERS, signal.SIGKILL)],
+    ("code", "programs", "number"),
+    [(PROGRAMS, 2, signal.SIGTERM), (PROGRAMS, 2, signal.SIGKILL), (WORKERS, 1, signal.SIGKILL)],
 )
-def test_programs_and_their_children_end_with_their_parent(code, number, tmp_path):
-    parent = running(code, tmp_path)
-    assert len(support.marked(str(tmp_path))) >= 6  # two trees of two and more, and two watchers
+def test_programs_and_their_children_end_with_their_parent(code, programs, number, tmp_path):
+    parent = running(code, tmp_path, programs)
+    # A tree of two and more for each, with a watcher.
+    assert len(support.marked(str(tmp_path))) >= 3 * programs
     parent.send_signal(number)
     assert support.end_within(3.0, str(tmp_path))
 
 
 def test_what_a_worker_started_ends_with_the_worker(tmp_path):
-    parent = running(WORKERS, tmp_path)
+    parent = running(WORKERS, tmp_path, 1)
     for path in tmp_path.glob("sign.*"):
         os.kill(int(path.suffix[1:]), signal.SIGKILL)
     _, errors = parent.communicate()

@@ -24,9 +24,9 @@ def proportional(params, obs):
 def tune(folder, env, **options):
     return zoac.tune(**{
         "env": env, "controller": proportional, "space": {"k": (0, 2)}, "budget": 200,
-        "num_envs": 2, "tuner": "zoac",
-        "episodes": 1, "final_episodes": 2, "quiet": True, "max_episode_steps": 10,
-        "folder": folder, **options,
+        "num_envs": 2, "tuner": "zoac", "tuner_options": {"critic": {"hidden": [8], "epochs": 1}},
+        "eval_every": 400, "episodes": 1, "final_episodes": 2, "quiet": True,
+        "max_episode_steps": 10, "folder": folder, **options,
     })  # fmt: skip
 
 

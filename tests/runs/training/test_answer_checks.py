@@ -131,19 +131,19 @@ def test_few_held_out_episodes_are_told_where_the_answer_breaks_specs(episodes, 
     assert any("Only 2 held-out" in sentence for sentence in warnings(result, [])) == told
 
 
-def tune(tuner, seed, budget=4000, **options):
+def tune(tuner, budget=2000, **options):
     return zoac.tune(
-        env=Plant, controller=PI(), space=SPACE, max_episode_steps=STEPS, tuner=tuner, seed=seed,
-        budget=budget, quiet=True, eval_every=2000, episodes=4, final_episodes=10, **options,
+        env=Plant, controller=PI(), space=SPACE, max_episode_steps=STEPS, tuner=tuner,
+        budget=budget, quiet=True, eval_every=1000, episodes=4, final_episodes=10, **options,
     )  # fmt: skip
 
 
 def test_from_ziegler_nichols_gains_the_published_method_may_get_worse_and_says_so(tmp_path):
-    """As published its answer is the last iterate, here at more than twice the cost."""
-    result = tune("zoac", 0, folder=tmp_path / "run")
+    """As published its answer is the last iterate, here at one and a half times the cost."""
+    result = tune("zoac", folder=tmp_path / "run")
     assert result.cost_mean > 1.5 * result.baseline_cost_mean
     worse, earlier = result.warnings
-    assert worse.startswith("The answer is worse than the baseline values: cost 2.1")
+    assert worse.startswith("The answer is worse than the baseline values: cost 1.399")
     assert earlier.startswith("An earlier evaluation, after 0 steps, was clearly better")
     assert worse in " ".join(repr(result).split())
     assert read_result(tmp_path / "run")["warnings"] == [worse, earlier]
@@ -155,14 +155,14 @@ def test_from_ziegler_nichols_gains_the_published_method_may_get_worse_and_says_
 
 
 def test_from_ziegler_nichols_gains_zoac_plus_returns_nothing_worse():
-    """If the baseline values are no candidate, this seed costs 1.5 times as much."""
-    result = tune("zoac_plus", 2, 12_000)
+    """If the baseline values are no candidate, the answer costs twice as much."""
+    result = tune("zoac_plus", 5000)
     assert result.cost_mean <= result.baseline_cost_mean
     assert result.warnings == []
 
 
 def test_the_best_evaluated_recommendation_can_be_the_answer_of_any_tuner():
-    result = tune("zoac", 0, select="best_evaluated")
+    result = tune("zoac", 3000, select="best_evaluated")
     assert result.cost_mean <= result.baseline_cost_mean
     assert result.warnings == []
 
@@ -191,9 +191,9 @@ class Regularised(CountingTask):
 @pytest.mark.parametrize("tuner", ["zoac_plus", "random"])
 def test_plain_costs_decide_and_are_logged_where_the_tuner_is_told_more(tuner, tmp_path):
     result = zoac.tune(
-        task=Regularised(), tuner=tuner, budget=2000, acceptance_test=0.4,
+        task=Regularised(), tuner=tuner, budget=1000, acceptance_test=0.4,
         num_envs=4, final_episodes=4,
-        quiet=True, folder=tmp_path, eval_every=1000,
+        quiet=True, folder=tmp_path, eval_every=500,
         tuner_options={"recommendation": "reevaluated"} if tuner == "random" else {},
     )  # fmt: skip
     verdict, rows = result.record["acceptance_test"], read_metrics(tmp_path)

@@ -19,9 +19,6 @@ from zoac.runs.training.lifecycle import Run, execute
 
 CONF = Path(__file__).parents[3] / "conf"
 NEED_A_PICKLE = {"bo", "optuna"}
-MODELS = {"botorch": ["tuner.initial_design=4"], "smac": ["tuner.initial_design=4"]}
-"""Options of tuners whose model takes its time: few random points before it, few after."""
-
 NO_STATE_OF_THEIR_OWN = {"program", "mpc_tracking_reg", "pid_acc_code"}
 """A task without environment, and tasks that are another one with other costs."""
 
@@ -79,20 +76,17 @@ def test_no_task_of_zoac_needs_a_pickle(task, tmp_path, stopping, monkeypatch):
     assert resumed == whole
 
 
+# The state of every tuner and strategy alone: test_contract.py, test_strategies.py.
 @pytest.mark.parametrize(
     ("tuner", "wrapping"),
-    [
-        ("zoac", []),
-        *((t, STRATEGIES) for t in names("tuner") if t not in ("nominal", *NEED_A_PICKLE)),
-    ],
+    [("zoac", []), ("zoac_plus", STRATEGIES), ("cmaes", STRATEGIES), ("es", STRATEGIES)],
 )
-def test_no_other_tuner_of_zoac_needs_a_pickle(tuner, wrapping, tmp_path, stopping, monkeypatch):
-    if tuner == "random":  # takes no start
-        wrapping = [term for term in wrapping if not term.startswith("initial_samples")]
-    budget, after = ("budget=150", 4) if tuner in MODELS else ("budget=600", 2)
+def test_no_tuner_of_zoac_that_needs_none_has_a_pickle(
+    tuner, wrapping, tmp_path, stopping, monkeypatch
+):
     whole, resumed = stopped_and_resumed(
-        tmp_path, stopping, monkeypatch, "task=pid_acc", f"tuner={tuner}", budget, *wrapping,
-        *MODELS.get(tuner, []), after=after,
+        tmp_path, stopping, monkeypatch, "task=pid_acc", f"tuner={tuner}", "budget=600", *wrapping,
+        after=2,
     )  # fmt: skip
     assert resumed == whole
 
@@ -100,7 +94,7 @@ def test_no_other_tuner_of_zoac_needs_a_pickle(tuner, wrapping, tmp_path, stoppi
 @pytest.mark.parametrize("tuner", sorted(NEED_A_PICKLE))
 def test_a_librarys_optimiser_continues_bit_for_bit(tuner, tmp_path, stopping):
     pytest.importorskip({"bo": "nevergrad"}.get(tuner, tuner))
-    config = configured("task=pid_acc", f"tuner={tuner}", "budget=200")
+    config = configured("task=pid_acc", f"tuner={tuner}", "budget=120")
     whole = run(tmp_path / "whole", config)
     stopping(3)
     with pytest.raises(KeyboardInterrupt):

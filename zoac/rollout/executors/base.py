@@ -22,8 +22,6 @@ class Executor(ABC):
 
     tell: Callable[[str], None] = staticmethod(print)
     """Takes what a user should know, such as a choice that was made."""
-    ends_steps = False
-    """Whether it keeps the task's `step_timeout`."""
 
     @abstractmethod
     def start(self, task: Task, num_envs: int, seed: int) -> None:

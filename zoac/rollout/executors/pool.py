@@ -9,9 +9,13 @@ import numpy as np
 
 from zoac.core.segments import Proposal, Segment
 from zoac.core.state import pickled
+from zoac.core.types import Count
 from zoac.rollout.executors.base import Executor
 from zoac.rollout.executors.host import Method
 from zoac.rollout.task import Task
+
+ATTEMPTS = 3
+"""How often the same work may be begun before the run is given up."""
 
 
 class Handle(ABC):
@@ -74,21 +78,23 @@ class Pool(Executor):
     they cannot be saved, the run ends with a message instead.
     """
 
-    def __init__(self, workers: int | None, attempts: int) -> None:
-        self._count, self._attempts = workers, attempts
+    def __init__(self, *, workers: Count | None = None) -> None:
+        """
+        Args:
+            workers: Number of workers; None: one a core that this process may use.
+        """
+        self._count = workers
         self._workers: list[Handle] = []
 
     def start(self, task: Task, num_envs: int, seed: int) -> None:
-        self.launch(task, num_envs, seed)
-        self.wait()
-
-    def launch(self, task: Task, num_envs: int, seed: int) -> None:
-        """Begin to start the workers, without waiting for them; where one fails, end all."""
+        """See `Executor.start`; where one worker cannot be started, all end."""
         self._workers = []
         count = min(self._count or self._cores(), num_envs)
         try:
             for part in np.array_split(np.arange(num_envs), count):
                 self._workers.append(self._worker(task, part.tolist(), seed))
+            for worker in self._workers:
+                worker.ready()
         except BaseException:
             self.close()
             raise
@@ -101,15 +107,6 @@ class Pool(Executor):
     @abstractmethod
     def _worker(self, task: Task, env_indices: list[int], seed: int) -> Handle:
         """Begin to start a worker for a group of environments."""
-
-    def wait(self) -> None:
-        """Wait until all workers are ready; where one cannot be started, end all."""
-        try:
-            for worker in self._workers:
-                worker.ready()
-        except BaseException:
-            self.close()
-            raise
 
     def run(
         self, method: Method, proposals: Sequence[Proposal], background_update: Callable[[], None]

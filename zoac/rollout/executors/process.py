@@ -14,9 +14,8 @@ import cloudpickle
 from zoac.core.errors import WorkerError
 from zoac.core.seeding import stream_seed
 from zoac.core.state import pickled
-from zoac.core.types import Count
 from zoac.rollout.executors import guard
-from zoac.rollout.executors.pool import Handle, Pool
+from zoac.rollout.executors.pool import ATTEMPTS, Handle, Pool
 from zoac.rollout.executors.step_watch import Call, StepWatch
 from zoac.rollout.executors.worker import CANNOT_BE_SAVED, read, write
 from zoac.rollout.task import Task
@@ -28,21 +27,11 @@ Request = tuple[str, tuple[Any, ...]]
 class Process(Pool):
     """Groups of neighbouring environments, each in a process of its own."""
 
-    ends_steps = True
-
-    def __init__(self, *, workers: Count | None = None, attempts: Count = 3) -> None:
-        """
-        Args:
-            workers: Number of processes; None: one a core that this process may use.
-            attempts: How often the same work may be begun before the run is given up.
-        """
-        super().__init__(workers, attempts)
-
     def _cores(self) -> int:
         return usable_cores()
 
     def _worker(self, task: Task, env_indices: list[int], seed: int) -> Handle:
-        return _ProcessHandle(task, env_indices, seed, self._attempts)
+        return _ProcessHandle(task, env_indices, seed)
 
 
 def usable_cores() -> int:
@@ -60,9 +49,9 @@ def usable_cores() -> int:
 class _ProcessHandle(Handle):
     """This side of one worker process."""
 
-    def __init__(self, task: Task, env_indices: list[int], seed: int, attempts: int) -> None:
+    def __init__(self, task: Task, env_indices: list[int], seed: int) -> None:
         super().__init__(env_indices)
-        self._task, self._seed, self._attempts = task, seed, attempts
+        self._task, self._seed = task, seed
         self._watch = None if task.step_timeout is None else StepWatch(task.step_timeout)
         self._earlier_seconds = self._seconds = 0.0
         self._restarts = 0
@@ -104,7 +93,7 @@ class _ProcessHandle(Handle):
                 break
             except EOFError:  # nobody is there any more
                 deaths += len(hung) == known
-            if deaths == self._attempts:
+            if deaths == ATTEMPTS:
                 raise WorkerError(
                     f"the worker process of {self} died {deaths} times on the same work "
                     f"({_death(self._process.wait())}). Memory may be short: "

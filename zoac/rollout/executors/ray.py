@@ -9,8 +9,8 @@ import time
 from typing import Any
 
 from zoac.core.errors import ConfigError, WorkerError
-from zoac.core.types import Count, Positive
-from zoac.rollout.executors.pool import Handle, Pool
+from zoac.core.types import Count
+from zoac.rollout.executors.pool import ATTEMPTS, Handle, Pool
 from zoac.rollout.executors.worker import Worker, answered
 from zoac.rollout.task import Task
 
@@ -27,42 +27,38 @@ class Ray(Pool):
         self,
         *,
         workers: Count | None = None,
-        attempts: Count = 3,
         address: str | None = None,
-        cores_per_worker: Positive = 1.0,
     ) -> None:
         """
         Args:
             workers: Number of actors; None: one a core of the cluster.
-            attempts: How often the same work may be begun before the run is given up.
             address: Of a running cluster, as `ray.init` takes it; None: that of RAY_ADDRESS, else
                 a Ray of its own on this machine.
-            cores_per_worker: What Ray reserves for an actor.
         """
-        super().__init__(workers, attempts)
-        self._address, self._per_worker = address, cores_per_worker
+        super().__init__(workers=workers)
+        self._address = address
         self._mine = False
 
-    def launch(self, task: Task, num_envs: int, seed: int) -> None:
-        """See `Pool.launch`.
+    def start(self, task: Task, num_envs: int, seed: int) -> None:
+        """See `Pool.start`.
 
         Raises:
             ConfigError: If there is no cluster at `address`, or it has too few cores.
         """
         self._connect()
-        cores, each = ray.cluster_resources().get("CPU", 0.0), self._per_worker
+        cores = ray.cluster_resources().get("CPU", 0.0)
         workers = min(num_envs, self._count or self._cores())
-        if workers * each > cores:
+        if workers > cores:
             raise ConfigError(
-                f"executor.workers={workers} actors with executor.cores_per_worker={each:g} "
-                f"need {workers * each:g} cores; the Ray cluster has {cores:g}"
+                f"executor.workers={workers} actors need {workers} cores; the Ray cluster has "
+                f"{cores:g}"
             )
         # Shipped once, not once an actor; kept here, for a restart needs it again.
         self._task = ray.put(task)
-        super().launch(task, num_envs, seed)
+        super().start(task, num_envs, seed)
 
     def _cores(self) -> int:
-        return max(1, int(ray.cluster_resources().get("CPU", 0.0) // self._per_worker))
+        return max(1, int(ray.cluster_resources().get("CPU", 0.0)))
 
     def _connect(self) -> None:
         """Use the Ray that this process is connected to already, or connect."""
@@ -82,7 +78,7 @@ class Ray(Pool):
         self._mine = True
 
     def _worker(self, task: Task, env_indices: list[int], seed: int) -> Handle:
-        return _ActorHandle(self._task, env_indices, seed, self._attempts, self._per_worker)
+        return _ActorHandle(self._task, env_indices, seed)
 
     def close(self) -> None:
         super().close()
@@ -124,13 +120,10 @@ class _Actor:
 class _ActorHandle(Handle):
     """This side of one actor."""
 
-    def __init__(
-        self, task: Any, env_indices: list[int], seed: int, attempts: int, cores: float
-    ) -> None:
+    def __init__(self, task: Any, env_indices: list[int], seed: int) -> None:
         super().__init__(env_indices)
-        self._attempts = attempts
         self._actor = _Actor.options(  # type: ignore[attr-defined]
-            num_cpus=cores, max_restarts=-1, max_task_retries=attempts - 1
+            num_cpus=1, max_restarts=-1, max_task_retries=ATTEMPTS - 1
         ).remote(task, env_indices, seed)
         self._number = 0
         self._seconds: dict[int, float] = {}  # by process
@@ -148,8 +141,8 @@ class _ActorHandle(Handle):
         except ray.exceptions.RayActorError as death:
             reason = str(death).strip().splitlines()[0]
             raise WorkerError(
-                f"the Ray actor of {self} died {self._attempts} times on the same work ({reason}). "
-                "Memory may be short: try fewer environments, or a larger executor.cores_per_worker"
+                f"the Ray actor of {self} died {ATTEMPTS} times on the same work ({reason}). "
+                "Memory may be short: try fewer environments"
             ) from None
         self._seconds[process] = seconds
         if error is not None:
