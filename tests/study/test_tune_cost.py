@@ -46,11 +46,11 @@ def test_sixty_experiments_are_sixty_calls(tuner, acceptance_test, workers):
 
 
 def test_few_experiments_of_few_parameters_are_bayesian_optimisation():
-    result = tune(Counted(), experiments=25)
+    result = tune(Counted(), experiments=16)
     assert result.record["tuner"] == "bo"
     assert result.cost_mean < 1.0
     assert result.parameters["ts"] == 0.1
-    assert Study(SPACE, baseline=BASELINE, experiments=25, workers=2).settings.tuner == "cmaes"
+    assert Study(SPACE, baseline=BASELINE, experiments=16, workers=2).settings.tuner == "cmaes"
     of_one = tune(lambda p: p["kp"], space={"kp": (0, 1)}, baseline=None, workers=2)
     assert of_one.record["tuner"] == "nevergrad"
     assert of_one.cost_mean < 0.1
