@@ -103,21 +103,27 @@ def test_a_librarys_optimiser_continues_bit_for_bit(tuner, tmp_path, stopping):
     assert run(tmp_path / "parts", config) == whole
 
 
-@pytest.mark.parametrize("executor", ["serial", "process"])
-def test_a_users_objects_continue_bit_for_bit(executor, tmp_path, stopping, forked_workers):
-    def tune(folder, executor=executor):
-        return zoac.tune(
-            env=Drift, controller=Integrator(), space={"k": (0, 2)}, budget=300, num_envs=2,
-            episodes=1, final_episodes=2, quiet=True, max_episode_steps=10, folder=folder,
-            executor=executor,
-        ).record  # fmt: skip
+def tune(folder, executor="serial"):
+    result = zoac.tune(
+        env=Drift, controller=Integrator(), space={"k": (0, 2)}, tuner="random", budget=200,
+        num_envs=2, episodes=1, final_episodes=2, quiet=True, max_episode_steps=10, folder=folder,
+        executor=executor,
+    )  # fmt: skip
+    return without_clocks(result.record)
 
-    whole = without_clocks(tune(tmp_path / "whole", "serial"))
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return tune(tmp_path_factory.mktemp("whole"))
+
+
+@pytest.mark.parametrize("executor", ["serial", "process"])
+def test_a_users_objects_continue_bit_for_bit(executor, tmp_path, stopping, forked_workers, whole):
     stopping(2)
     with pytest.raises(KeyboardInterrupt):
-        tune(tmp_path / "parts")
+        tune(tmp_path, executor)
     stopping(None)
-    state, _ = checkpoint.load(tmp_path / "parts" / "checkpoint")
+    state, _ = checkpoint.load(tmp_path / "checkpoint")
     assert isinstance(state["num_envs"][0]["env"]["envs"].value[0], Drift)
     assert np.isfinite(state["num_envs"][0]["env"]["seen"]).all()
-    assert without_clocks(tune(tmp_path / "parts")) == whole
+    assert tune(tmp_path, executor) == whole
