@@ -190,7 +190,7 @@ def test_each_part_can_be_left_out():
 
 
 def test_where_environments_cannot_be_restored_segments_and_halving_are_the_environments_own():
-    batches = run(make_plus(halving_fraction=0.2, supports_snapshots=False), 3000)
+    batches = run(make_plus(halving_fraction=0.2, supports_snapshots=False, budget=1500), 1500)
     proposals = [s.proposal for batch in batches for s in batch]
     assert not any(p.restore for p in proposals)
     assert {(p.horizon, p.seed is None) for p in proposals} == {

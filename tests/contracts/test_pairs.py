@@ -8,7 +8,7 @@ import pytest
 
 from tests.support import needs_its_library
 from zoac.config import factory
-from zoac.config.compose import compose_config, resolved
+from zoac.config.files import configuration
 from zoac.runs.schema import read_metrics
 from zoac.runs.training.lifecycle import Run, execute
 
@@ -32,15 +32,18 @@ def pairs():
     return sorted({*of_one, *of_all, *presets})
 
 
+def configured(task, tuner, **settings):
+    """Return the configuration of a short run: what the command line would compose."""
+    config = configuration(task=task, tuner=tuner, mpc_solver="riccati")
+    needs_its_library(config["tuner"]["_target_"])
+    config["task"]["max_episode_steps"] = STEPS
+    config["evaluation"] |= {"episodes": 2, "final_episodes": 2}
+    return config | {"num_envs": NUM_ENVS, **settings}
+
+
 @pytest.mark.parametrize(("task", "tuner"), pairs())
 def test_a_small_run_keeps_its_budget_and_recommends_inside_the_box(tuner, task, tmp_path):
-    config = resolved(compose_config([
-        f"task={task}", f"tuner={tuner}", f"budget={BUDGET}", f"num_envs={NUM_ENVS}",
-        "eval_every=50",
-        f"task.max_episode_steps={STEPS}", "evaluation.episodes=2", "evaluation.final_episodes=3",
-        "mpc_solver=riccati", "checkpoint_seconds=0",
-    ]))  # fmt: skip
-    needs_its_library(config["tuner"]["_target_"])
+    config = configured(task, tuner, budget=BUDGET, eval_every=50, checkpoint_seconds=0)
     the_task, identity = factory.build_task(config), {"task": task, "tuner": tuner, "seed": 0}
     run = Run(config, the_task, identity=identity, command=[], loggers=[])
     batches = []

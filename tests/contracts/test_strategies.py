@@ -12,6 +12,7 @@ import yaml
 from omegaconf import OmegaConf
 
 import zoac.algorithm.strategies
+from tests.baselines.support import tuner_config
 from tests.contracts.test_pairs import names
 from tests.support import CountingTask, engine
 from zoac.algorithm.strategies.acceptance_test import AcceptanceTest
@@ -28,7 +29,7 @@ from zoac.core.state import decode, encode
 from zoac.core.tuner import Problem
 
 BUDGET, NUM_ENVS, STEPS = 210, 4, 7
-OPTIONS = {"optuna": ["tuner.sampler=tpe"]}  # the other is slow
+OPTIONS = {"optuna": {"sampler": "tpe"}}  # the other is slow
 LIKE_ANOTHER = ("botorch", "smac", "bo", "nevergrad", "cmaes", "cmaes_full", "cmaes_plus")
 """To a strategy they are what `random`, `optuna` and `zoac_plus` are."""
 
@@ -51,13 +52,8 @@ def strategies():
                 yield thing
 
 
-@cache
-def node_of(tuner):
-    return resolved(compose_config([f"tuner={tuner}", *OPTIONS.get(tuner, [])]))["tuner"]
-
-
 def make(strategy, tuner):
-    node = node_of(tuner)
+    node = tuner_config(tuner) | OPTIONS.get(tuner, {})
     baseline = CountingTask.space.normalise(CountingTask.baseline)
     problem = Problem(CountingTask.space, 3, NUM_ENVS, BUDGET, STEPS, 0, start=baseline,
                       baseline=baseline)  # fmt: skip

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import norm
@@ -29,6 +29,7 @@ def test_coordinates_are_one_a_number_and_one_an_option():
     assert SPACE.names == ("k", "n", "mode", "f")
 
 
+@settings(max_examples=50)
 @given(st.lists(st.floats(-1.5, 1.5), min_size=7, max_size=7))
 def test_values_come_back_through_the_point_that_stands_for_them(z):
     values = SPACE.values(np.array(z))
@@ -36,6 +37,7 @@ def test_values_come_back_through_the_point_that_stands_for_them(z):
     np.testing.assert_allclose(again, values, atol=1e-12)
 
 
+@settings(max_examples=50)
 @given(st.lists(st.floats(-1.5, 1.5), min_size=7, max_size=7))
 def test_points_that_share_their_values_are_rounded_to_one(z):
     z = np.array(z)
@@ -107,7 +109,7 @@ def test_how_a_dict_describes_them():
     assert start == {"mode": "safe", "n": 2}
 
 
-def estimate(space, cost, theta, n=100_000):
+def estimate(space, cost, theta, n=40_000):
     """Return eq. (10) with costs for advantages, and its standard error, (d,) each."""
     rng = np.random.default_rng(0)
     epsilon = rng.standard_normal((n // 2, len(theta)))

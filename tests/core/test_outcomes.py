@@ -4,7 +4,7 @@ import functools
 from dataclasses import replace
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support import CountingTask, engine, proposal
@@ -43,6 +43,7 @@ def expected(one, other):
     return v == 0 and cost < other_cost and abs(cost) < LARGEST and abs(other_cost) < LARGEST
 
 
+@settings(max_examples=50)
 @given(EPISODES)
 def test_any_episode_that_violates_or_is_not_finite_is_behind_all_others(episodes):
     outcomes = Outcomes.of(segments(episodes))
@@ -57,6 +58,7 @@ def test_any_episode_that_violates_or_is_not_finite_is_behind_all_others(episode
                     assert numbers[i] < numbers[j]
 
 
+@settings(max_examples=50)
 @given(EPISODES, EPISODES)
 def test_a_key_does_not_depend_on_what_else_is_known(early, late):
     """So a number that was told once is never overtaken."""

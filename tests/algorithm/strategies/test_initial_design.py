@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.baselines.support import tuner_config
 from tests.support import CountingTask, engine
 from zoac.algorithm.strategies.initial_design import CommonRandomNumbers, InitialDesign
 from zoac.config import factory
-from zoac.config.compose import compose_config, resolved
 from zoac.config.settings import Settings
 from zoac.core.errors import ConfigError
 from zoac.core.tuner import Problem
@@ -18,9 +18,9 @@ OPTIONS = {"_target_": "zoac.baselines.es.EvolutionStrategy", "population": 4, "
            "recommendation": "mean", "reevaluate_top": 1, "reevaluate_fraction": 0.1}  # fmt: skip
 
 
-def make(**settings):
+def make(node=OPTIONS, **settings):
     settings = Settings(budget=500, num_envs=4, **settings)
-    return factory.build_tuner(OPTIONS, CountingTask(), settings)
+    return factory.build_tuner(node, CountingTask(), settings)
 
 
 def drive(tuner, group, rounds):
@@ -68,30 +68,22 @@ def test_common_episodes_are_common_to_a_batch_and_to_no_other():
 
 
 def test_segments_and_seeded_episodes_are_left_alone():
-    config = resolved(compose_config(["tuner=zoac"]))
-    inner = factory.build_tuner(config["tuner"], CountingTask(), Settings(num_envs=4))
+    inner = make(tuner_config("zoac"))
     problem = Problem(CountingTask.space, 3, 4, 500, 7, 0)
     assert all(p.seed is None for p in CommonRandomNumbers(problem, lambda _: inner).ask())
 
 
 @pytest.mark.parametrize("tuner", ["zoac", "zoac_plus", "bo", "cmaes", "cmaes_full", "nevergrad"])
 def test_every_tuner_with_a_start_can_be_sampled_for(tuner):
-    config = resolved(
-        compose_config(
-            [f"tuner={tuner}", "initial_samples=4", "common_random_numbers=true", "budget=500"]
-        )
-    )
-    settings = factory.build_settings(config)
-    made = factory.build_tuner(config["tuner"], CountingTask(), settings)
-    drive(made, engine(CountingTask(), list(range(10))), 3)
+    made = make(tuner_config(tuner), initial_samples=4, common_random_numbers=True)
+    drive(made, engine(CountingTask(), [0, 1, 2, 3]), 3)
     assert made.describe()["start"] == "best of 4 random points"
 
 
 def test_a_tuner_without_a_start_and_a_start_from_initial_sigma_are_refused():
-    for overrides in (["tuner=random"], ["tuner=zoac", "initial_sigma=0.1"]):
-        config = resolved(compose_config([*overrides, "initial_samples=4"]))
+    for tuner, settings in (("random", {}), ("zoac", {"initial_sigma": 0.1})):
         with pytest.raises(ConfigError, match="initial_samples=4: it looks for a start"):
-            factory.build_tuner(config["tuner"], CountingTask(), factory.build_settings(config))
+            make(tuner_config(tuner), initial_samples=4, **settings)
 
 
 @pytest.mark.parametrize("bad", ["violates", np.nan, -np.inf])

@@ -42,7 +42,7 @@ def accepted(draw, pairs, seed=0):
     """
     rng = np.random.default_rng(seed)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(paired_comparison, "FLIPS", 999)
+        patch.setattr(paired_comparison, "FLIPS", 499)
         return np.mean([compared(draw(rng, pairs)).accepted for _ in range(TRIALS)])
 
 

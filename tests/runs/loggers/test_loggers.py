@@ -16,11 +16,14 @@ def test_numbers_are_flat_and_nothing_else():
 
 
 def test_wandb_offline_needs_no_network_or_account(tmp_path, monkeypatch):
+    import wandb
+
     from zoac.runs.loggers.wandb import Wandb
 
     monkeypatch.delenv("WANDB_MODE", raising=False)
-    # The list of all packages installed takes as long as all else that is the library's.
+    # Not needed here, and most of the time: a list of the packages, and inputs of a launched run.
     monkeypatch.setenv("WANDB_X_SAVE_REQUIREMENTS", "false")
+    monkeypatch.setattr(wandb.Run, "_detect_and_apply_job_inputs", lambda run: None, raising=False)
     logger = Wandb(folder=str(tmp_path))
     logger.start(RUN)
     logger.row(ROW)

@@ -34,7 +34,7 @@ class RunsAway(gym.Env):
 def test_no_parameter_is_lost_and_every_file_is_json(tuner, penalty, tmp_path):
     result = zoac.tune(
         env=RunsAway, controller=lambda p, o: -p["k"] * o, space={"k": (-5.0, 15.0)},
-        tuner=tuner, budget=1500, max_episode_steps=60, failure_penalty=penalty, quiet=True,
+        tuner=tuner, budget=900, max_episode_steps=60, failure_penalty=penalty, quiet=True,
         folder=tmp_path / "run", episodes=2, final_episodes=2, num_envs=4,
     )  # fmt: skip
     assert -5.0 <= result.parameters["k"] <= 15.0

@@ -2,41 +2,25 @@
 
 import json
 import pickle
-from pathlib import Path
 
 import cloudpickle
 import numpy as np
 import pytest
 
 import zoac
+from tests.contracts.test_pairs import configured, names
 from tests.envs.test_adapters import Drift, Integrator
-from tests.support import needs_its_library, with_a_trap
+from tests.support import with_a_trap
 from zoac.config import factory
-from zoac.config.compose import compose_config, resolved
 from zoac.core.measures import CLOCKS
 from zoac.runs import checkpoint
 from zoac.runs.training.lifecycle import Run, execute
 
-CONF = Path(__file__).parents[3] / "conf"
 NEED_A_PICKLE = {"bo", "optuna"}
-NO_STATE_OF_THEIR_OWN = {"program", "mpc_tracking_reg", "pid_acc_code"}
-"""A task without environment, and tasks that are another one with other costs."""
+NO_STATE_OF_THEIR_OWN = {"mpc_tracking_reg", "pid_acc_code"}
+"""Tasks that are another one with other costs."""
 
-STRATEGIES = ["acceptance_test=0.3", "initial_samples=3", "common_random_numbers=true"]
-SMALL = [
-    "num_envs=2", "eval_every=100", "task.max_episode_steps=12", "evaluation.episodes=2",
-    "evaluation.final_episodes=2", "mpc_solver=riccati",
-]  # fmt: skip
-
-
-def names(group):
-    return sorted(p.stem for p in (CONF / group).glob("*.yaml"))
-
-
-def configured(*overrides):
-    config = resolved(compose_config([*SMALL, *overrides]))
-    needs_its_library(config["tuner"]["_target_"])
-    return config
+STRATEGIES = {"acceptance_test": 0.3, "initial_samples": 3, "common_random_numbers": True}
 
 
 def run(folder, config):
@@ -50,11 +34,10 @@ def without_clocks(result):
     return json.dumps({k: v for k, v in result.items() if k not in CLOCKS})
 
 
-def stopped_and_resumed(tmp_path, stopping, monkeypatch, *overrides, after=1):
+def stopped_and_resumed(tmp_path, stopping, monkeypatch, config):
     """Return a whole run's result and that of one that was stopped and went on without pickles."""
-    config = configured(*overrides)
     whole = run(tmp_path / "whole", config)
-    stopping(after)
+    stopping(2)
     with pytest.raises(KeyboardInterrupt):
         run(tmp_path / "parts", config)
     stopping(None)
@@ -70,31 +53,28 @@ def stopped_and_resumed(tmp_path, stopping, monkeypatch, *overrides, after=1):
 
 @pytest.mark.parametrize("task", [t for t in names("task") if t not in NO_STATE_OF_THEIR_OWN])
 def test_no_task_of_zoac_needs_a_pickle(task, tmp_path, stopping, monkeypatch):
-    whole, resumed = stopped_and_resumed(
-        tmp_path, stopping, monkeypatch, f"task={task}", "tuner=zoac_plus", "budget=150", after=2
-    )
+    config = configured(task, "zoac_plus", budget=150, eval_every=100)
+    whole, resumed = stopped_and_resumed(tmp_path, stopping, monkeypatch, config)
     assert resumed == whole
 
 
 # The state of every tuner and strategy alone: test_contract.py, test_strategies.py.
 @pytest.mark.parametrize(
     ("tuner", "wrapping"),
-    [("zoac", []), ("zoac_plus", STRATEGIES), ("cmaes", STRATEGIES), ("es", STRATEGIES)],
+    [("zoac", {}), ("zoac_plus", STRATEGIES), ("cmaes", STRATEGIES), ("es", STRATEGIES)],
 )
 def test_no_tuner_of_zoac_that_needs_none_has_a_pickle(
     tuner, wrapping, tmp_path, stopping, monkeypatch
 ):
-    whole, resumed = stopped_and_resumed(
-        tmp_path, stopping, monkeypatch, "task=pid_acc", f"tuner={tuner}", "budget=600", *wrapping,
-        after=2,
-    )  # fmt: skip
+    config = configured("pid_acc", tuner, budget=600, eval_every=100, **wrapping)
+    whole, resumed = stopped_and_resumed(tmp_path, stopping, monkeypatch, config)
     assert resumed == whole
 
 
 @pytest.mark.parametrize("tuner", sorted(NEED_A_PICKLE))
 def test_a_librarys_optimiser_continues_bit_for_bit(tuner, tmp_path, stopping):
     pytest.importorskip({"bo": "nevergrad"}.get(tuner, tuner))
-    config = configured("task=pid_acc", f"tuner={tuner}", "budget=120")
+    config = configured("pid_acc", tuner, budget=120, eval_every=100)
     whole = run(tmp_path / "whole", config)
     stopping(3)
     with pytest.raises(KeyboardInterrupt):
@@ -103,21 +83,27 @@ def test_a_librarys_optimiser_continues_bit_for_bit(tuner, tmp_path, stopping):
     assert run(tmp_path / "parts", config) == whole
 
 
-@pytest.mark.parametrize("executor", ["serial", "process"])
-def test_a_users_objects_continue_bit_for_bit(executor, tmp_path, stopping, forked_workers):
-    def tune(folder, executor=executor):
-        return zoac.tune(
-            env=Drift, controller=Integrator(), space={"k": (0, 2)}, budget=300, num_envs=2,
-            episodes=1, final_episodes=2, quiet=True, max_episode_steps=10, folder=folder,
-            executor=executor,
-        ).record  # fmt: skip
+def tune(folder, executor="serial"):
+    result = zoac.tune(
+        env=Drift, controller=Integrator(), space={"k": (0, 2)}, tuner="random", budget=200,
+        num_envs=2, episodes=1, final_episodes=2, quiet=True, max_episode_steps=10, folder=folder,
+        executor=executor,
+    )  # fmt: skip
+    return without_clocks(result.record)
 
-    whole = without_clocks(tune(tmp_path / "whole", "serial"))
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return tune(tmp_path_factory.mktemp("whole"))
+
+
+@pytest.mark.parametrize("executor", ["serial", "process"])
+def test_a_users_objects_continue_bit_for_bit(executor, tmp_path, stopping, forked_workers, whole):
     stopping(2)
     with pytest.raises(KeyboardInterrupt):
-        tune(tmp_path / "parts")
+        tune(tmp_path, executor)
     stopping(None)
-    state, _ = checkpoint.load(tmp_path / "parts" / "checkpoint")
+    state, _ = checkpoint.load(tmp_path / "checkpoint")
     assert isinstance(state["num_envs"][0]["env"]["envs"].value[0], Drift)
     assert np.isfinite(state["num_envs"][0]["env"]["seen"]).all()
-    assert without_clocks(tune(tmp_path / "parts")) == whole
+    assert tune(tmp_path, executor) == whole
