@@ -33,7 +33,7 @@ def tune(cost, experiments=60, **options):
 
 @pytest.mark.parametrize("experiments", [2, 3, 5, 12, 61])
 def test_so_many_experiments_are_so_many_calls(experiments):
-    for workers, baseline in ((1, None), (3, {"k": 2.0})):
+    for workers, baseline in ((3, None), (1, {"k": 2.0})):
         cost = Noisy()
         result = tune(cost, experiments, baseline=baseline, workers=workers)
         assert cost.calls == experiments

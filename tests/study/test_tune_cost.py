@@ -38,7 +38,8 @@ def test_sixty_experiments_are_sixty_calls(tuner, acceptance_test, workers):
     cost = Counted()
     result = tune(cost, tuner=tuner, acceptance_test=acceptance_test, workers=workers)
     assert len(cost.calls) == 60
-    assert cost.calls[0] == {"kp": 10.0, "ki": 4.0, "ts": 0.1}
+    first = cost.calls[:1] if workers == 1 else cost.calls  # one worker may overtake another
+    assert {"kp": 10.0, "ki": 4.0, "ts": 0.1} in first
     assert result.record["experiments"] == 60
     assert result.baseline_cost_mean == 58.0
     assert result.cost_mean <= 58.0
