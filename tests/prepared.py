@@ -23,7 +23,7 @@ from pathlib import Path
 
 LIBRARIES = (
     "clarabel", "cma", "cvxpy", "gymnasium", "hydra", "matplotlib.pyplot", "nevergrad", "numba",
-    "numpy", "pandas", "pydantic", "scipy.stats", "torch._dynamo",
+    "numpy", "pandas", "pydantic", "scipy.stats", "torch",
 )  # fmt: skip
 
 

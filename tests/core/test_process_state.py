@@ -23,7 +23,7 @@ STATE = (
     import bayes_opt, cma, nevergrad, numpy as np, optuna, torch
 
     LIBRARIES = bayes_opt.BayesianOptimization, cma.CMAEvolutionStrategy, optuna.study.Study
-    LIBRARIES += nevergrad.optimizers.CMA.__class__, torch.nn.Linear, torch.optim.Adam
+    LIBRARIES += nevergrad.optimizers.CMA.__class__, torch.nn.Linear
 
     def state():
         return {
@@ -44,7 +44,6 @@ STATE = (
             "classes": [sorted((k, id(v)) for k, v in vars(c).items()) for c in LIBRARIES],
         }
 
-    torch.optim.Adam([torch.zeros(1)])  # the first one makes PyTorch set itself up
     torch.set_num_threads(2)
     np.random.seed(7)
     before = state()

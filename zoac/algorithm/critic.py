@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch.optim.adam import adam
 
 from zoac.algorithm.options import CriticOptions
 
@@ -56,15 +57,18 @@ class Critic:
         sizes = [observation_size, *options.hidden, 1]
         # One vector of all weights: Adam moves it in one call.
         count = sum((below + 1) * width for below, width in pairwise(sizes))
-        self._weights = torch.nn.Parameter(torch.zeros(count, **_FLOAT), requires_grad=False)
-        self._weights.grad = torch.zeros(count, **_FLOAT)
+        self._weights, self._gradient = (torch.zeros(count, **_FLOAT) for _ in range(2))
         self._layers = _layers(self._weights, sizes)
-        self._gradients = _layers(self._weights.grad, sizes)
+        self._gradients = _layers(self._gradient, sizes)
         generator = torch.Generator("cpu").manual_seed(int(rng.integers(2**63)))
         for matrix, bias in self._layers:
             gain = 1.0 if bias is self._layers[-1][1] else 5 / 3
             torch.nn.init.orthogonal_(matrix.t(), gain=gain, generator=generator)
-        self._adam = torch.optim.Adam([self._weights], lr=options.step_size, fused=True)
+        self._adam = {
+            "step": torch.zeros((), **_FLOAT),
+            "exp_avg": torch.zeros(count, **_FLOAT),
+            "exp_avg_sq": torch.zeros(count, **_FLOAT),
+        }
         self._one = torch.ones((), **_FLOAT)
 
     @_own_settings()
@@ -97,7 +101,7 @@ class Critic:
             order = torch.from_numpy(self._rng.permutation(len(inputs)))
             batches = inputs[order].split(parts), wanted[order].split(parts)
             squares = sum(map(self._step, *batches))
-        for moment in self._adam.state[self._weights].values():
+        for moment in self._adam.values():
             # Without a gradient it would end as a subnormal number, slower than any other.
             moment[moment.abs() < torch.finfo(moment.dtype).smallest_normal] = 0.0
         return 0.5 * squares / len(inputs) / self._options.target_scale**2
@@ -126,16 +130,24 @@ class Critic:
             if layer:
                 slope = torch.addcmul(self._one, below, below, value=-1, out=below)  # 1 - tanh^2
                 flow = torch.mm(flow, self._layers[layer][0].t()).mul_(slope)
-        self._adam.step()
+        self._descend()
         return float(error.square().sum())
+
+    def _descend(self) -> None:
+        """Do one step of Adam, as a function: the class would import PyTorch's compiler first."""
+        step, mean, square = self._adam.values()
+        adam(
+            [self._weights], [self._gradient], [mean], [square], [], [step],
+            lr=self._options.step_size, beta1=0.9, beta2=0.999, weight_decay=0.0, eps=1e-8,
+            amsgrad=False, maximize=False, fused=True,
+        )  # fmt: skip
 
     @_own_settings()
     def state(self) -> dict[str, Any]:
         """Return a copy: weights, Adam's moments, random stream, statistics."""
-        adam = self._adam.state[self._weights]
         return {
             "weights": self._weights.numpy().copy(),
-            "adam": {name: value.numpy().copy() for name, value in adam.items()},
+            "adam": {name: value.numpy().copy() for name, value in self._adam.items()},
             "rng": self._rng.bit_generator.state,
             "statistics": self._statistics.moments,
         }
@@ -144,8 +156,8 @@ class Critic:
     def restore(self, state: dict[str, Any]) -> None:
         """Restore what `state` returned."""
         self._weights.copy_(torch.from_numpy(state["weights"]))
-        adam = {name: torch.from_numpy(value.copy()) for name, value in state["adam"].items()}
-        self._adam.state[self._weights] = adam
+        for name, value in state["adam"].items():
+            self._adam[name].copy_(torch.from_numpy(value))
         self._rng.bit_generator.state = state["rng"]
         self._statistics.moments = state["statistics"]
 
