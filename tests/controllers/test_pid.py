@@ -113,10 +113,14 @@ def test_absent_gains_are_absent_parts():
 @pytest.mark.parametrize(
     ("form", "given", "said"),
     [
-        ("parallel", ["kp"], "kp: the gains of the parallel form are Kp, Ki, Kd, Tf"),
-        ("parallel", ["Kp", "KI"], "^KI: the gains"),
-        ("parallel", ["K", "Ti"], "K, Ti: the gains"),
-        ("standard", ["Kp", "Ki"], "Kp, Ki: the gains of the standard form are K, Ti, Td, N"),
+        ("parallel", ["kp"], "unknown gain 'kp' of the parallel form; did you mean 'Kp'"),
+        ("parallel", ["Kp", "KI"], "unknown gain 'KI'.*did you mean 'Ki'"),
+        ("parallel", ["Kp", "K_d"], "unknown gain 'K_d'.*did you mean 'Kd'"),
+        ("parallel", ["K", "Ti"], "'K' is a gain of the standard form.*form='standard'"),
+        ("parallel", ["Kp", "Ti"], "'Ti' is a gain of the standard form"),
+        ("parallel", ["gain"], "unknown gain 'gain'"),
+        ("standard", ["Kp", "Ki"], "'Kp' is a gain of the parallel form; expected K, Ti, Td, N"),
+        ("standard", ["K", "Ki"], "'Ki' is a gain of the parallel form"),
     ],
 )
 def test_names_that_have_no_effect_are_refused(form, given, said, tmp_path):

@@ -28,21 +28,35 @@ Form = Literal["parallel", "standard"]
 AntiWindup = Literal["back_calculation", "clamping", "none"]
 
 NAMES = {"parallel": ("Kp", "Ki", "Kd", "Tf"), "standard": ("K", "Ti", "Td", "N")}
-"""Parameters of each form."""
+"""Parameters of each form; those in the same place stand for each other."""
 
 
 @lru_cache(maxsize=64)  # every step asks
 def _check_names(form: Form, given: tuple[str, ...]) -> None:
-    """See that there is a gain among the names, and none that differs from a gain only in case.
+    """See that names are gains, or at least not meant as gains.
 
     Raises:
-        ConfigError: If not.
+        ConfigError: If a name differs from a gain in its spelling only, is a gain of the other
+            form, or none is a gain.
     """
-    absent = [name for name in NAMES[form] if name not in given]
-    misspelt = [name for name in given for gain in absent if name.lower() == gain.lower()]
-    if misspelt or len(absent) == len(NAMES[form]):
-        told = ", ".join(misspelt or given)
-        raise ConfigError(f"{told}: the gains of the {form} form are {', '.join(NAMES[form])}")
+    names = NAMES[form]
+    (other,) = (form for form in NAMES if NAMES[form] is not names)
+    absent = [name for name in names if name not in given]
+    spelt = {name.lower(): name for name in absent}
+    # Others of the other form, such as Td or Tf, may well be meant for something else.
+    of_other = [b for a, b in zip(names[:2], NAMES[other], strict=False) if a in absent]
+    for name in given:
+        if name in names:
+            continue
+        if name in of_other:
+            raise ConfigError(
+                f"{name!r} is a gain of the {other} form; expected {', '.join(names)}, or give "
+                f"PID(form={other!r})"
+            )
+        meant = spelt.get(name.replace("_", "").lower())
+        if meant or len(absent) == len(names):
+            hint = suggest(meant or name, names)
+            raise ConfigError(f"unknown gain {name!r} of the {form} form; {hint}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +137,7 @@ class PID:
         Parameters of other names are left to the controller that this one is a part of.
 
         Raises:
-            ConfigError: If a gain is misspelt, or none is given.
+            ConfigError: If a gain is misspelt or of the other form, or none is given.
         """
         _check_names(self.form, tuple(params))
         get = params.get
