@@ -4,6 +4,7 @@ import functools
 import os
 import platform
 import subprocess
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -26,6 +27,20 @@ def here_and_now() -> dict[str, Any]:
             "cores": os.cpu_count(),
         },
     }
+
+
+def differences(earlier: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Return what differs between two `run.json` in what a run's bits depend on."""
+    then, here = (
+        {**record["versions"], "processor": record["machine"]["processor"],
+         "commit": record["commit"]}
+        for record in (earlier, now)
+    )  # fmt: skip
+    return [
+        f"{name} {here.get(name)}, at first {then.get(name)}"
+        for name in {**then, **here}
+        if then.get(name) != here.get(name)
+    ]
 
 
 def _processor() -> str:

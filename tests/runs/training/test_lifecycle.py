@@ -1,11 +1,16 @@
 """A run folder belongs to one run, whatever happens to it."""
 
+import json
 import pathlib
+import re
 import shutil
 
 import pytest
 
 import zoac
+from tests.envs.test_adapters import Drift
+from tests.rollout.executors.test_unpicklable import stopped
+from tests.rollout.executors.test_unpicklable import tune as tune_briefly
 from tests.run.test_api import tune as tune_small
 from zoac.baselines.random_search import RandomSearch
 from zoac.core.errors import RunFolderError
@@ -107,6 +112,20 @@ def test_the_processors_model_is_on_record_where_the_system_tells_it(told, model
     monkeypatch.setattr(pathlib.Path, "read_text", read)
     monkeypatch.setattr("platform.processor", lambda: "a word")
     assert provenance.here_and_now()["machine"]["processor"] == model
+
+
+def test_a_run_that_goes_on_elsewhere_is_told_so(tmp_path, stopping, capsys):
+    stopped(stopping, tmp_path, Drift)
+    record = json.loads((tmp_path / schema.RUN).read_text())
+    record["machine"]["processor"] = "An Older Chip"
+    record["versions"] |= {"torch": "0.1", "gonelib": "0.1"}
+    (tmp_path / schema.RUN).write_text(json.dumps({**record, "commit": "an older one"}))
+    capsys.readouterr()
+    tune_briefly(tmp_path, Drift)
+    said = capsys.readouterr().err
+    for told in ("processor .*, at first An Older Chip", r"torch 2\..*, at first 0\.1",
+                 "gonelib None, at first 0.1", "commit .*, at first an older one"):  # fmt: skip
+        assert re.search(f"continues under other conditions.*: (.*; )?{told}(;|$)", said.strip())
 
 
 def test_a_file_system_without_locks_is_not_taken_for_a_lock_that_is_held(tmp_path, monkeypatch):

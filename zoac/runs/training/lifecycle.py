@@ -142,7 +142,9 @@ def execute(run: Run, folder: Path, again: str = "the same command") -> dict[str
                 "is this one, and its result is not returned for a second call",
                 file=sys.stderr,
             )
-        log = RunLog(folder, _run_record(run), run.loggers)
+        record = _run_record(run)
+        _tell_what_differs(folder, record)
+        log = RunLog(folder, record, run.loggers)
         _tell_remarks(run.task)
         run.executor.tell = (lambda _: None) if run.quiet else say
         try:
@@ -171,6 +173,19 @@ def _tell_remarks(task: Task) -> None:
     env.close()
     for remark in env.remarks:
         print(remark, file=sys.stderr)
+
+
+def _tell_what_differs(folder: Path, record: Mapping[str, Any]) -> None:
+    """Say that a run goes on with other code or on another processor, which may round otherwise."""
+    if not (folder / schema.CHECKPOINTS).exists():
+        return
+    changed = provenance.differences(schema.read_run(folder), record)
+    if changed:
+        print(
+            "this run continues under other conditions than it began, so its numbers may differ: "
+            + "; ".join(changed),
+            file=sys.stderr,
+        )
 
 
 @contextmanager
