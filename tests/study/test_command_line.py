@@ -39,7 +39,7 @@ def run(capsys, *arguments):
 def test_a_script_asks_and_tells(rig, capsys):
     status, trial, said = run(capsys, "ask", rig)
     assert (status, trial, said) == (0, {"number": 1, "parameters": {"kp": 10.0, "ki": 1.0}}, "")
-    status, told, _ = run(capsys, "tell", rig, "1", "--cost=-1e-3", "--metric", "energy=2")
+    status, told, _ = run(capsys, "tell", rig, "1", "--cost", "-1e-3", "--metric", "energy=2")
     assert (status, told["cost"], told["metrics"]) == (0, -1e-3, {"energy": 2.0})
     run(capsys, "ask", rig)
     assert run(capsys, "tell", rig, "2", "--failed", "motor tripped")[1]["state"] == "failed"

@@ -42,7 +42,7 @@ exit status:
 def command(arguments: Sequence[str]) -> int:
     """Run one command; return its exit status."""
     try:
-        options = _parser().parse_args(arguments)
+        options = _parser().parse_args(_with_equals(arguments))
         found = options.run(options)
     except TrialsPending as error:
         return _say(error, WAITS)
@@ -60,6 +60,15 @@ def command(arguments: Sequence[str]) -> int:
 def _say(what: object, status: int) -> int:
     print(what, file=sys.stderr)
     return status
+
+
+def _with_equals(arguments: Sequence[str]) -> list[str]:
+    """Return arguments in which `--cost -1e-3` is one: argparse would see an option in it."""
+    joined = list(arguments)
+    if "--cost" in joined[:-1]:
+        at = joined.index("--cost")
+        joined[at : at + 2] = [f"--cost={joined[at + 1]}"]
+    return joined
 
 
 AS_IN_PYTHON = (
@@ -224,7 +233,7 @@ def _parser() -> argparse.ArgumentParser:
                      help="for results that the next experiment depends on")  # fmt: skip
     tell = add("tell", _tell, "tell the result of an experiment")
     tell.add_argument("number", type=int)
-    tell.add_argument("--cost", type=float, help="with = before a number such as -1e-3")
+    tell.add_argument("--cost", type=float)
     tell.add_argument("--failed", metavar="WHY")
     tell.add_argument("--trace", metavar="CSV", help="judged by the study's specs")
     for kind in ("metric", "constraint"):
