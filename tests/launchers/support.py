@@ -77,13 +77,13 @@ def all_running(process, runs, jobs):
     raise AssertionError("the sweep has ended")
 
 
-def running_note(process, runs, seed):
-    """Wait until the job of a seed says that it runs and there is a checkpoint; return its note."""
+def running_note(process, runs, job):
+    """Wait until a job says that it runs and there is a checkpoint; return its note."""
     while process.poll() is None:
         for path in Path(runs).glob(".sweeps/*/[0-9]*.json"):
             note = json.loads(path.read_text())
             begun = list(Path(runs).rglob("current.ckpt"))
-            if note["seed"] == seed and note["state"] == "running" and begun:
+            if job in note["job"] and note["state"] == "running" and begun:
                 return note
         time.sleep(0.01)
-    raise AssertionError(f"no job of seed {seed} has begun")
+    raise AssertionError(f"no job {job} has begun")

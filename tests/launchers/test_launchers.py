@@ -108,9 +108,7 @@ def test_a_stopped_sweep_goes_on_and_ends_with_the_numbers_of_jobs_one_after_the
     if "2" in seeds:
         assert code == 1
         assert "2 job(s) of the sweep done\n1 job(s) of the sweep failed:\n  " in err
-        failed = err.partition("failed:")[2]
-        assert failed.startswith("\n  lqr es seed=2 ")
-        assert ": cannot make or use the run folder" in failed
+        assert "seed=2: cannot make or use the run folder" in err.partition("failed:")[2]
     else:
         assert code == 0
         assert out.endswith("2 job(s) of the sweep done\n")
@@ -132,7 +130,7 @@ def test_a_job_that_dies_is_told(tmp_path):
     needs("joblib")
     arguments = [*SMALL, *WAITING, "seed=1", "launcher=joblib", "hydra.launcher.n_jobs=2"]
     process = start("-m", *arguments, "budget=6000", cwd=tmp_path)
-    victim = running_note(process, tmp_path / "runs", 1)["pid"]
+    victim = running_note(process, tmp_path / "runs", "seed=1")["pid"]
     os.kill(victim, signal.SIGKILL)
     code, _, err = finish(process)
     assert code == 1
@@ -147,7 +145,7 @@ def test_a_preempted_job_is_requeued_and_ends_with_the_same_numbers(one_after_th
     # resume=overwrite is meant for the sweep, not for each time that a job is put back.
     arguments = [*LEARNING, "seed=0", "launcher=submitit_local", "resume=overwrite"]
     process = start("-m", *arguments, cwd=tmp_path)
-    note = running_note(process, tmp_path / "runs", 0)
+    note = running_note(process, tmp_path / "runs", "seed=0")
     os.kill(note["pid"], signal.SIGUSR2)
     (tmp_path / "go").touch()
     code, _, err = finish(process)

@@ -10,11 +10,11 @@ import pytest
 from zoac.config.compose import compose_config, explain, variant_of
 from zoac.core.errors import ConfigError
 from zoac.run import sweep_report
-from zoac.run.sweep_report import noted, report
+from zoac.run.sweep_report import keep_given, noted, report
 
 
 def job_of_sweep(folder, seed):
-    return noted(folder, seed, [], {"task": "lqr", "tuner": "es", "seed": seed})
+    return noted(folder, seed, [f"seed={seed}"], {"task": "lqr", "tuner": "es", "seed": seed})
 
 
 def test_a_failure_is_noted_and_goes_no_further(tmp_path, capsys):
@@ -50,7 +50,7 @@ def test_a_job_knows_that_it_has_begun_before(tmp_path):
     assert known == [False, False, True]
 
 
-SWEPT = ["tuner.exploration.sigma=0.125", "critic.hidden=[16,16,16,16,16,16]"]
+SWEPT = ["tuner=zoac", "tuner.exploration.sigma=0.125", "critic.hidden=[16,16,16,16,16,16]"]
 
 
 def outcome(folder, **changes):
@@ -59,11 +59,13 @@ def outcome(folder, **changes):
 
 
 def test_each_job_prints_a_line_and_the_end_a_table_within_80_columns(tmp_path, capsys):
+    keep_given(tmp_path, ["budget=400", "seed=0,1"])
     identity = {"task": "pid_acc", "tuner": "zoac"}
     for seed, changes in enumerate([{"baseline_cost_mean": 3.25}, {"cost_mean": np.nan}]):
-        with noted(tmp_path, seed, SWEPT, {**identity, "seed": seed}) as one:
+        job = ["budget=400", f"seed={seed}", *SWEPT]
+        with noted(tmp_path, seed, job, {**identity, "seed": seed}) as one:
             one.outcome = outcome(tmp_path / f"pid_acc/zoac/seed={seed}/variant=v=1", **changes)
-    with noted(tmp_path, 2, [], {**identity, "seed": 2}):
+    with noted(tmp_path, 2, ["budget=400", "seed=2"], {**identity, "seed": 2}):
         raise ConfigError("no such plant")
     first, second = capsys.readouterr().out.splitlines()
     assert first.startswith("pid_acc zoac seed=0 sigma=0.125 ")

@@ -218,14 +218,9 @@ def variant_of(config: Mapping[str, Any], overrides: Sequence[str]) -> str | Non
     """Return the run's variant: as given, or what the overrides change beyond its identity."""
     if config["variant"] is not None:
         return str(config["variant"])
-    return ",".join(changes_of(overrides)).replace("/", "-") or None
-
-
-def changes_of(overrides: Sequence[str]) -> list[str]:
-    """Return the overrides that can change a run's numbers, beside those of its identity."""
     named = []
     for override in sorted(overrides):
         key = override.lstrip("+~").partition("=")[0].partition("@")[0]
         if key not in NOT_A_VARIANT and key.partition(".")[0] not in WITHOUT_EFFECT:
             named.append(override.lstrip("+~"))
-    return named
+    return ",".join(named).replace("/", "-") or None

@@ -18,14 +18,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, read_write
 from omegaconf.errors import OmegaConfBaseException
 
-from zoac.config.compose import (
-    changes_of,
-    check_overrides,
-    explain,
-    know_own_conf,
-    resolved,
-    variant_of,
-)
+from zoac.config.compose import check_overrides, explain, know_own_conf, resolved, variant_of
 from zoac.config.overrides import refuse_flags, with_whole_steps
 from zoac.core.errors import ConfigError, ZoacError, as_text
 from zoac.run import sweep_report
@@ -61,6 +54,7 @@ class SweepStart(Callback):
         if launcher in ON_THIS_TERMINAL:
             os.environ[lifeline.TERMINAL] = str(os.getpid())
             print("a sweep: a line for each job at its end, a table at the end of all", flush=True)
+        sweep_report.keep_given(Path(folder), _as_typed(config.hydra.overrides.task))
         # Composed anew for each job, where runs_dir may differ and another folder be the current.
         kept = folder.replace("${", "\\${")
         quoted = folder.replace("\\", "\\\\").replace("'", "\\'").replace("${", "\\${")
@@ -72,6 +66,11 @@ class SweepStart(Callback):
             os.environ.setdefault(name, value)
         if launcher in LOCAL_LAUNCHERS:
             _end_jobs_with_this_process(Path(folder))
+
+
+def _as_typed(overrides: Any) -> list[str]:
+    """Return overrides with their ${...}, which cannot be resolved before a sweep has jobs."""
+    return list(OmegaConf.to_container(overrides))  # type: ignore[arg-type]
 
 
 def _end_jobs_with_this_process(folder: Path) -> None:
@@ -107,10 +106,8 @@ def _job(config: DictConfig) -> None:
         raise KeyboardInterrupt
     choices = job.runtime.choices
     identity = {"task": choices["task"], "tuner": choices["tuner"], "seed": config.seed}
-    # With their ${...}: what these lead to may be missing, which is the job's fault alone.
-    typed: Any = OmegaConf.to_container(job.overrides.task)
-    changes = changes_of(typed)
-    with sweep_report.noted(Path(job.sweep.dir), job.job.num, changes, identity) as noted:
+    typed = _as_typed(job.overrides.task)
+    with sweep_report.noted(Path(job.sweep.dir), job.job.num, typed, identity) as noted:
         noted.outcome = _run(config, noted.again)
 
 

@@ -23,6 +23,9 @@ from zoac.runs.training.lifeline import GRACE
 
 RUNNING, STOPPED, FAILED, DONE = "running", "stopped", "failed", "done"
 
+GIVEN = "given.json"
+"""File of a sweep's folder with the overrides as they were typed."""
+
 
 def outcome(result: Mapping[str, Any], folder: Path, done_already: bool) -> dict[str, Any]:
     """Return what a job's line and the table say of a run, from its `result.json` and folder."""
@@ -53,19 +56,17 @@ class Job:
 
 @contextmanager
 def noted(
-    folder: Path, number: int, changes: Sequence[str], identity: Mapping[str, Any]
+    folder: Path, number: int, overrides: Sequence[str], identity: Mapping[str, Any]
 ) -> Iterator[Job]:
     """Keep the note of one job in the sweep's folder, and print a line at its end.
 
-    The job is told by its task, tuner and seed, and what its overrides change besides. A failure is
-    noted and goes no further, for its siblings' sake.
+    A failure is noted and goes no further, for its siblings' sake.
     """
     path = folder / f"{number}.json"
     job = Job(again=path.exists())
     folder.mkdir(parents=True, exist_ok=True)
-    keys = [change.partition("=") for change in changes]
-    more = " ".join(f"{key.rpartition('.')[2]}={value}" for key, _, value in keys)
-    note = {**identity, "more": more, "host": platform.node(), "pid": os.getpid()}
+    note = {"job": " ".join(overrides), "host": platform.node(), "pid": os.getpid()}
+    note |= {**identity, "more": _more(folder, overrides)}
     named = sweep_table.name(note)
     write_json(path, {**note, "state": RUNNING})
     try:
@@ -85,6 +86,22 @@ def noted(
             note |= job.outcome
             print(sweep_table.line(note), flush=True)
         write_json(path, {**note, "state": DONE})
+
+
+def keep_given(folder: Path, overrides: Sequence[str]) -> None:
+    """Note the overrides of a sweep as they were typed, before its jobs begin."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(folder / GIVEN, {"overrides": list(overrides)})
+
+
+def _more(folder: Path, overrides: Sequence[str]) -> str:
+    """Return what tells a job from its siblings beside task, tuner and seed."""
+    given = set()
+    if (folder / GIVEN).is_file():
+        given = set(json.loads((folder / GIVEN).read_text(encoding="utf-8"))["overrides"])
+    named = ("task=", "tuner=", "seed=", "method=", "experiment=", "launcher=")
+    swept = [o.partition("=") for o in overrides if o not in given and not o.startswith(named)]
+    return " ".join(f"{key.rpartition('.')[2]}={value}" for key, _, value in swept)
 
 
 def end(folder: Path, let_go: Callable[[], None]) -> None:
