@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, NamedTuple
+from zlib import crc32
 
 from zoac.analysis.data import cli
 from zoac.analysis.data.runs import Method
@@ -66,7 +67,6 @@ LOOKS = {
     "botorch": Look("#44AA99", _dashes(8, 2, 1, 2, 1, 2), "+"),
     "smac": Look("#CC6677", _dashes(4, 1, 4, 3), "1"),
     "halving": Look("#6A3D9A", _dashes(5, 2, 2, 2), "8"),
-    "zoac_plus_reg": Look("#661100", _dashes(3, 0.8), "d", True),
     "nominal": NOMINAL,
 }
 """The look of each tuner, the same in every figure; `_reg`: with the regularised cost."""
@@ -75,21 +75,16 @@ BEFORE, AFTER = (Look(c, dashes, "") for c, dashes in (responses.BEFORE, respons
 """One controller before and after tuning, in figures that compare no tuners."""
 
 _SPARE = (
-    ("#AA4499", "#004488", "#BB5566"),
-    ("*", "H", "h", "d"),
-    (_dashes(9, 2, 2, 2), _dashes(5, 0.8), _dashes(1, 3), _dashes(7, 3), _dashes(4, 1, 1, 3)),
+    ("#117733", "#AA4499", "#661100"),
+    ("h", "*", "d", "H"),
+    (_dashes(9, 2, 2, 2), _dashes(3, 0.8), _dashes(1, 3), _dashes(7, 3), _dashes(4, 1, 1, 3)),
 )
 """Colours, markers and dashes of tuners without a look of their own."""
 
 _OF_VARIANTS = (
-    _dashes(6, 1, 6, 3),
-    _dashes(1, 2, 3, 2),
-    _dashes(12, 1.5),
-    _dashes(10, 1.5, 1, 1.5, 1, 1.5),
-    _dashes(2, 1, 6, 1),
-    _dashes(10, 4),
-    _dashes(1, 1, 4, 2),
-)
+    _dashes(12, 1.5), _dashes(10, 1.5, 1, 1.5, 1, 1.5), _dashes(2, 1, 6, 1), _dashes(10, 4),
+    _dashes(1, 1, 4, 2), _dashes(6, 1, 6, 3), _dashes(1, 2, 3, 2),
+)  # fmt: skip
 """Dashes of variants of a tuner, which have its colour and its marker, filled."""
 
 _SHARED: dict[str, Any] = {
@@ -158,27 +153,43 @@ def drawing(settings: Any) -> AbstractContextManager[None]:
 
 
 def looks(methods: Iterable[Method]) -> dict[Method, Look]:
-    """Return a look for each method, all different; tuners in `LOOKS` have theirs in every figure.
+    """Return a look for each method, all different; a tuner has the same one in every figure.
 
-    Other tuners get spare looks in alphabetical order. Variants that stand beside others have
-    dashes of their own, as their labels have a name.
+    Variants that stand beside others have dashes of their own, as their labels have a name.
     """
-    methods = set(methods)
-    others = sorted({method.row for method in methods} - LOOKS.keys())
-    of_row = LOOKS | {row: _spare(k) for k, row in enumerate(others)}
-    variants = sorted({method.variant for method in methods if method.variant})
+    methods = sorted(set(methods), key=lambda m: (m.tuner, m.task, m.variant or ""))
+    of_key = LOOKS | _spare({method.row for method in methods} - LOOKS.keys())
+    dashes = _probed(sorted({m.variant for m in methods if m.variant}), len(_OF_VARIANTS))
     chosen = {}
     for method in methods:
-        chosen[method] = look = of_row[method.row]
+        chosen[method] = look = of_key[method.row]
         if method.variant and stands_apart(method, methods):
-            dashes = _OF_VARIANTS[variants.index(method.variant) % len(_OF_VARIANTS)]
-            chosen[method] = look._replace(dashes=dashes, filled=True)
+            own = _OF_VARIANTS[dashes[method.variant] % len(_OF_VARIANTS)]
+            chosen[method] = look._replace(dashes=own, filled=True)
     return chosen
 
 
-def _spare(k: int) -> Look:
-    colours, markers, dashes = _SPARE  # lengths without a common factor: all combinations come up
-    return Look(colours[k % len(colours)], dashes[k % len(dashes)], markers[k % len(markers)], True)
+def _spare(names: Iterable[str]) -> dict[str, Look]:
+    """Return a look for each tuner without one, which depends on its name alone where it can."""
+    colours, markers, dashes = _SPARE
+    count = len(colours) * len(markers) * len(dashes)  # without a common factor: all pairs differ
+    return {
+        name: Look(
+            colours[k % len(colours)], dashes[k % len(dashes)], markers[k % len(markers)], True
+        )
+        for name, k in _probed(sorted(names), count).items()
+    }
+
+
+def _probed(names: Sequence[str], count: int) -> dict[str, int]:
+    """Return a number below `count` for each name, from the name; the next free one if taken."""
+    found: dict[str, int] = {}
+    for name in names:
+        k = crc32(name.encode()) % count
+        while k in found.values() and len(found) < count:
+            k = (k + 1) % count
+        found[name] = k
+    return found
 
 
 def blank(width: float, height: float) -> Figure:
