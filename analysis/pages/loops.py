@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
+MAX_VIEW = 3.0
+"""Largest range of an axis, as a multiple of what the tuned controller needs."""
+
 
 def recorded(run: Run) -> tuple[str, str]:
     """Return the signals of a final episode, before and after, and what is said of their steps.
@@ -125,8 +128,10 @@ def closed_loop(run: Run, compared: Before | None) -> str:
     for k, trace in enumerate(loops[-1].traces):
         figure, axes = html.figure()
         trajectories.draw_panel(axes, loops, k, last)
+        left = keep_in_view(axes, trace)
+        caption = "The controller before tuning leaves this view." if left else ""
         name = f"{run.folder} trace {k}"
-        pictures.append(html.picture(figure, name, trace.title, columns=4))
+        pictures.append(html.picture(figure, name, trace.title, caption, columns=4))
     totals = ", ".join(
         f"{loop.label.lower()} {significant(float(loop.segment.costs.sum()))}" for loop in loops
     )
@@ -134,3 +139,14 @@ def closed_loop(run: Run, compared: Before | None) -> str:
     return html.gallery(pictures) + html.paragraph(
         f"The demonstration episode, driven once more. Its cost: {totals}.{escape(what)}", "muted"
     )
+
+
+def keep_in_view(axes: Axes, trace: Trace) -> bool:
+    """Narrow the y axis if another line would squeeze `trace` into a fraction of it; tell if so."""
+    low, high = float(trace.y.min()), float(trace.y.max())
+    bottom, top = axes.get_ylim()
+    if not top - bottom > MAX_VIEW * (high - low) > 0:
+        return False
+    room = (MAX_VIEW - 1) / 2 * (high - low)
+    axes.set_ylim(max(bottom, low - room), min(top, high + room))
+    return True

@@ -13,8 +13,10 @@ from tests.analysis.folders import NOMINAL, write_run
 from zoac.analysis import compact, robustness
 from zoac.analysis.data.load import load
 from zoac.analysis.figures import style
+from zoac.analysis.pages import loops
 from zoac.analysis.pages import sweep as pages
 from zoac.analysis.report import main
+from zoac.core.measures import Trace
 
 VOID = {"meta", "br", "link", "img"}
 
@@ -368,3 +370,13 @@ def test_robustness_is_shown_where_it_was_run(tmp_path, capsys):
     capsys.readouterr()
     assert main([str(folder), "--robustness", str(tmp_path / "nowhere")]) == 1
     assert capsys.readouterr().err.startswith("error: no robustness.json in")
+
+
+def test_a_controller_that_leaves_the_view_does_not_squeeze_the_tuned_one():
+    trace = Trace("y", np.arange(3.0), np.array([0.0, 1.0, 0.5]))
+    axes = style.blank(3, 2).subplots()
+    axes.plot(trace.x, trace.y)
+    assert not loops.keep_in_view(axes, trace)
+    axes.plot(trace.x, [0.0, -300.0, 100.0])
+    assert loops.keep_in_view(axes, trace)
+    assert axes.get_ylim() == (-1.0, 2.0)

@@ -12,6 +12,7 @@ import pytest
 
 from stress.bad_inputs import answer
 from tests import commands
+from zoac.run import command
 from zoac.run.command import multirun_first
 from zoac.run.help import usage
 
@@ -41,6 +42,14 @@ def test_multirun_flag_may_stand_anywhere():
     arguments = ["task=pid_acc", "tuner=zoac", "-m", "seed=0,1"]
     assert multirun_first(arguments) == ["-m", "task=pid_acc", "tuner=zoac", "seed=0,1"]
     assert multirun_first(["seed=0"]) == ["seed=0"]
+
+
+def test_without_arguments_it_runs(monkeypatch):
+    begun = []
+    monkeypatch.setattr(command, "_job", lambda: begun.append(sys.argv[1:]))
+    monkeypatch.setattr(sys, "argv", ["zoac.run"])
+    command.main()
+    assert begun == [[]]
 
 
 def test_a_sweep_writes_a_folder_per_seed_and_a_second_launch_does_nothing_again(tmp_path):

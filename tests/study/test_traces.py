@@ -187,6 +187,7 @@ def test_a_comma_at_the_end_of_each_row_shifts_no_column(tell_file):
     [
         ("time,y,r\n0,1,1,9\n1,1,1,9\n", "cannot be read as a table: Length of header"),
         ("time,y,r\n0,1,1\n1,1,1,9\n", "Expected 3 fields in line 3, saw 4"),
+        ("time,y,r,y\n0,1,1,2\n1,1,1,2\n", "several columns are called 'y'"),
         ("", "cannot be read as a table"),
     ],
 )

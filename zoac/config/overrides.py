@@ -38,8 +38,8 @@ def refuse_flags(arguments: Sequence[str]) -> None:
         ConfigError: If a key is written as a flag.
     """
     known = {*NOT_OF_THE_RUN, *GROUPS_OF_RUN, *RUN_KEYS}
-    for flag, after in zip(arguments, [*arguments[1:], ""], strict=True):
+    for flag, after in zip(arguments, [*arguments[1:], ""], strict=False):
         key, equals, value = flag.removeprefix("--").partition("=")
         if flag.startswith("--") and key.partition(".")[0] in known:
             value = value if equals else after
-            raise ConfigError(f"{flag}: expected key=value; did you mean {key}={value}?")
+            raise ConfigError(f"{flag}: expected key=value; did you mean {key}={value or '...'}?")

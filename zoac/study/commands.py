@@ -156,9 +156,13 @@ def _table(path: str) -> pd.DataFrame:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # values beyond the columns
             # Some loggers end each row with a comma, from which pandas would make an index.
-            return pd.read_csv(path, index_col=False)
+            table = pd.read_csv(path, index_col=False)
+        names = pd.read_csv(path, header=None, nrows=1).iloc[0].dropna()
     except (OSError, ValueError, pd.errors.ParserWarning) as error:
         raise ConfigError(f"{path}: cannot be read as a table: {error}") from None
+    if len(twice := names[names.duplicated()]):  # pandas would give the second another name
+        raise ConfigError(f"{path}: several columns are called {twice.iloc[0]!r}; expected one")
+    return table
 
 
 TOLD = ("number", "state", "parameters", "cost", "reason", "metrics", "constraints")

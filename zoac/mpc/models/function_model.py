@@ -245,7 +245,8 @@ def _plain(dynamics: Dynamics) -> tuple[Callable[..., None], Callable[..., np.nd
 def _compiled(dynamics: Dynamics) -> tuple[Callable[..., None], Callable[..., np.ndarray]]:
     """Return the functions of `_plain`, compiled by numba, point by point.
 
-    Numbers are copied one by one: of arrays, numba also compiles what is said if shapes differ.
+    Numbers are copied one by one, after a check: of arrays, numba would also compile the text that
+    says which shapes differ.
     """
     import numba
 
@@ -258,6 +259,8 @@ def _compiled(dynamics: Dynamics) -> tuple[Callable[..., None], Callable[..., np
             for k in range(inputs.shape[1]):
                 x, u = states[row, k].copy(), inputs[row, k].copy()
                 after = advance(x, u, theta[row])
+                if len(after) != nx:
+                    raise ValueError("the function returned too few or too many entries")
                 for i in range(nx):
                     states[row, k + 1, i] = after[i]
 
