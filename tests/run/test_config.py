@@ -1,5 +1,6 @@
 """Every YAML file composes, and what it names is built."""
 
+import re
 from itertools import zip_longest
 from pathlib import Path
 
@@ -235,11 +236,12 @@ def test_every_present_name_is_that_of_an_option():
     assert set(RENAMED.values()) <= {*options, *RUN_KEYS, *names("method"), "baseline"}
 
 
-def test_what_hydra_cannot_read_is_told_in_its_words():
+@pytest.mark.parametrize("override", ["runs_dir=mes résultats", "seed", "=3", "seed.=3", "a=b=c"])
+def test_what_hydra_cannot_read_is_answered_with_how_to_write_it(override):
     with pytest.raises(
-        ConfigError, match=r"^cannot read the override 'runs_dir=mes résultats'.*'é'"
+        ConfigError, match=f"^cannot read the override '{re.escape(override)}': expected key=value"
     ):
-        compose_config(["runs_dir=mes résultats"])
+        compose_config([override])
 
 
 @pytest.mark.parametrize(

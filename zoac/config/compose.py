@@ -105,13 +105,14 @@ def check_overrides(overrides: Sequence[str]) -> None:
     for text in overrides:
         try:
             override = parser.parse_override(text)
-        except HydraException as error:
-            why = str(error).strip().partition("\n")[0]
+            key = override.key_or_group
+        except HydraException:
+            key = ""
+        if not key or key != key.strip("."):
             raise ConfigError(
-                f"cannot read the override {text!r}: {why}; write key=value, or "
-                "\"key='value'\" if the value has special characters"
-            ) from error
-        key = override.key_or_group
+                f"cannot read the override {text!r}: expected key=value; a value with special "
+                "characters needs quotes, \"key='value'\""
+            )
         parent, _, name = key.rpartition(".")
         setting = key in RUN_KEYS or (parent == "evaluation" and name in OF_EVALUATION)
         if override.is_delete():
